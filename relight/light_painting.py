@@ -17,6 +17,7 @@ from relight.media import images
 from relight.media.colour import encode, luminance
 from relight.subject import Subject
 from shadow import inputs
+from shadow.files import AnyPath, is_path
 from shadow.torch_settings import isolated
 
 if TYPE_CHECKING:
@@ -163,7 +164,7 @@ class LightPainter:
         self._solver = LightSolver(self._grid, current)
         self._before, present = self._solver.picture, subject.relit(current, gloss)
         if lights is None:
-            present = subject.on_plate(subject.photographed_pixels())
+            present = subject.photographed()
             self._before = self._seen(present)
         self._present = present
 
@@ -303,8 +304,8 @@ def _change(before: np.ndarray, after: np.ndarray, covered: np.ndarray) -> float
     return float(then / max(there, 1e-9))
 
 
-def read_strokes(path: quantities.File) -> list[tuple[np.ndarray, Factor]]:
-    """Read a picture of strokes, as pairs for `paint_lights`.
+def read_strokes(picture: inputs.Array | AnyPath) -> list[tuple[np.ndarray, Factor]]:
+    """Return the strokes of a picture (H, W, 3|4) or of a picture's file, as pairs for `paint_lights`.
 
     In a coloured picture red asks for up to twice the light, blue for as little as half, and green for the
     light as it is; white, grey, black and what is transparent are no strokes. In a grey picture of integers
@@ -312,20 +313,16 @@ def read_strokes(path: quantities.File) -> list[tuple[np.ndarray, Factor]]:
 
     Raises FileNotFoundError, and ValueError for a picture without strokes.
     """
-    is_light = str(path).lower().endswith((".exr", ".hdr"))
+    if not is_path(picture):
+        return _strokes_of(picture, is_light=np.asarray(picture).dtype.kind == "f")
     try:
-        return strokes_of(images.read(path), is_light)
+        return _strokes_of(images.read(picture), is_light=str(picture).lower().endswith((".exr", ".hdr")))
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise ValueError(f"{picture}: {error}") from error
 
 
-def strokes_of(picture: inputs.Array, is_light: bool | None = None) -> list[tuple[np.ndarray, Factor]]:
-    """Return the strokes of a picture (H, W, 3|4), see `read_strokes`.
-
-    `is_light`: whether the values of a grey one are factors; those of floats are by default.
-    """
-    if is_light is None:
-        is_light = np.asarray(picture).dtype.kind == "f"
+def _strokes_of(picture: inputs.Array, is_light: bool) -> list[tuple[np.ndarray, Factor]]:
+    """See `read_strokes`. `is_light`: whether the values of a grey picture are factors."""
     pixels = images.scene_linear("strokes", picture)
     if pixels.ndim != 3 or pixels.shape[-1] not in (3, 4):
         raise ValueError("expected a picture of strokes")

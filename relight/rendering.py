@@ -160,8 +160,7 @@ def background_factor(person: Subject, relit: np.ndarray, share: float) -> np.nd
 
     `relit`: (H, W, 4), the picture. The light is that of the picture over the photograph.
     """
-    photograph = person.on_plate(person.photographed_pixels())
-    after, before = (each[..., :3].sum(axis=(0, 1)) for each in (relit, photograph))
+    after, before = (each[..., :3].sum(axis=(0, 1)) for each in (relit, person.photographed()))
     whole = np.divide(after, before, out=np.ones(3, np.float32), where=before > 0)
     return 1 + np.float32(share) * (whole.clip(0, MAX_BACKGROUND_FACTOR) - 1)
 

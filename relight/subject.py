@@ -408,8 +408,12 @@ class Subject:
         """
         return {} if self.is_empty else joints.find(self._record.maps)
 
+    def photographed(self) -> np.ndarray:
+        """Return the person in the photograph's own light: (H, W, 4) float32, as `relit` returns pictures."""
+        return self.on_plate(self.photographed_pixels())
+
     def photographed_pixels(self, share: float = 1.0) -> torch.Tensor:
-        """Return a share of the person as photographed, as pixels (P, 4), for `on_plate`."""
+        """Return a share of `photographed` as the person's pixels alone: (P, 4), for `on_plate`."""
         coverage = self._record.foreground.coverage[:, None]
         return torch.cat([share * self._record.colour * coverage, coverage], dim=1)
 

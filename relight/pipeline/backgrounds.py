@@ -77,6 +77,8 @@ class Backgrounds:
         `keeps_plate`: whether it is the plate because there is no other.
         """
         lighting = self._lighting
+        if lighting.background_blur or lighting.background_light:
+            return False
         if keeps_plate or lighting.background_is(PLATE):
             return holds_display_light(self._plates, self._frames.source.colour_space)
         if isinstance(lighting.background, tuple):

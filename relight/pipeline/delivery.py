@@ -22,19 +22,17 @@ class Delivery:
     """What is kept of a shot's plates in .exr, .mov and .mp4.
 
     pixel_aspect: how many times as wide as high the pixels of the plates are, and of what is written; 1 where
-    the picture has a size of its own. keeps_plate: whether outputs other than .exr show the plates behind the
-    person. form: of movies.
+    the picture has a size of its own. form: of movies.
     """
 
     def __init__(
         self,
         shot: Shot,
         rate: float | Fraction | None = None,
-        keeps_plate: bool = False,
         form: movies.Form = movies.BY_SUFFIX,
     ) -> None:
         """`rate`: of the outputs, in frames a second; the source's unless given."""
-        self.keeps_plate, self.form = keeps_plate, form
+        self.form = form
         self.pixel_aspect, self._stated, self._is_preview = shot.pixel_aspect, shot.rate, shot.is_preview
         self.rate: float | Fraction = rate or self._stated or RATE
         if shot.is_preview:

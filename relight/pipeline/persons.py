@@ -44,22 +44,22 @@ class Persons:
 
     def at(self, number: int) -> Subject:
         """Return the person of a frame, filtered. Raises as `analyse` does."""
+        return self.filtered(number)[0]
+
+    def filtered(self, number: int) -> tuple[Subject, list[int]]:
+        """Return the person of a frame, and the frames with which they were filtered. Raises as `analyse`."""
         around = self.around(number)
         self._analysed = {n: result for n, result in self._analysed.items() if n in around}
         results = {n: self._result(n) for n in around}
         person = self.analysed(number)
-        used = self.neighbours(number)
-        neighbours = [each for n, each in results.items() if n in used and _shows_somebody(each)]
-        return person.temporally_filtered(neighbours) if neighbours else person
-
-    def neighbours(self, number: int) -> list[int]:
-        """Return the frames with which a frame was filtered, just after `at` returned it."""
-        around = self.around(number)
         cuts = [after for before, after in pairwise(around) if self._is_cut(before, after)]
-        first = max((cut for cut in cuts if cut <= number), default=number - self._radius)
-        last = min((cut - 1 for cut in cuts if cut > number), default=number + self._radius)
-        others = (n for n in around if n != number and first <= n <= last)
-        return [n for n in others if _shows_somebody(self._analysed.get(n))]
+        first = max((cut for cut in cuts if cut <= number), default=around[0])
+        last = min((cut - 1 for cut in cuts if cut > number), default=around[-1])
+        others = {n: each for n, each in results.items() if n != number and first <= n <= last}
+        neighbours = {n: each for n, each in others.items() if _shows_somebody(each)}
+        if neighbours:
+            person = person.temporally_filtered(neighbours.values())
+        return person, [*neighbours]
 
     def analysed(self, number: int) -> Subject:
         """Return the person of a frame, not filtered. Raises as `analyse` does."""
@@ -82,8 +82,8 @@ class Persons:
         return self._analysed[number]
 
 
-def _shows_somebody(result: Subject | Exception | None) -> TypeGuard[Subject]:
-    return result is not None and not isinstance(result, Exception) and not result.is_empty
+def _shows_somebody(result: Subject | Exception) -> TypeGuard[Subject]:
+    return not isinstance(result, Exception) and not result.is_empty
 
 
 class FrameAnalyser:
@@ -137,7 +137,8 @@ class FrameAnalyser:
         """
         first, _ = self.world
         if first is not None or self._frames.is_still:
-            floor.check(self._coverage(number if first is None else first))
+            matte = self._coverage(number if first is None else first)
+            floor.check(matte)
 
     def size(self, number: int) -> tuple[int, int]:
         """Return the size (H, W) of a frame's picture, in pixels."""

@@ -4,9 +4,6 @@ import warnings
 from typing import get_args
 
 from relight.arguments import checks_arguments
-from relight.media import images
-from relight.media.content_hash import HASH_ATTRIBUTE
-from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline import outputs
 from relight.pipeline.delivery import Delivery
@@ -23,8 +20,7 @@ from relight.pipeline.preview import check_outputs as check_preview
 from relight.pipeline.rendered_frame import RenderedFrame
 from relight.pipeline.run import Job, Problems, run
 from relight.pipeline.shot import Shot
-from relight.pipeline.shot_report import ShotReport
-from relight.pipeline.sinks import FileSink, MovieSink, file_of, open_sinks
+from relight.pipeline.sinks import FileSink, MovieSink, open_sinks
 from relight.rendering import lit_backdrop, metadata_of, render_layers
 from relight.subject import Subject
 from shadow.torch_settings import isolated
@@ -123,8 +119,6 @@ class Relighting(Job[Problems]):
             raise ValueError(f"phase: expected one of {', '.join(get_args(Phase))}, got {phase!r}")
         self._output, self._resume, self._phase = output, resume, phase
         self.needs_a_frame = phase != "frames"
-        self._report = None if output.report is None else ShotReport(output.report, resume)
-        self._mattes = None if output.save_matte is None else file_of(output.save_matte)
         self._hashes: dict[int, str] = {}  # {frame number: content hash of what it is made from}
 
     def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
@@ -150,7 +144,7 @@ class Relighting(Job[Problems]):
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
         """Open the outputs, and find out which frames exist already."""
         groups = shot.light_groups(self._start)
-        self._delivery = Delivery(shot, self._output.rate, self._keeps_plate, outputs.form_of(self._output))
+        self._delivery = Delivery(shot, self._output.rate, outputs.form_of(self._output))
         self._sinks = open_sinks(
             self._output, self._display, moving=self.collects_errors, resume=self._resume, phase=self._phase,
             delivery=self._delivery, groups=groups,
@@ -165,22 +159,29 @@ class Relighting(Job[Problems]):
             self._warn_of_replaced()
 
     def frame(self, shot: Shot, number: int) -> None:
-        """Write the frame to all outputs that lack it, and its matte. Raises OSError or ValueError."""
-        made = self._hashes.get(number) or self._content_hash(shot, number)
-        if self._phase == "finalize":
-            self._check_exists(number, made)
-            if self._report is not None and not self._report.has(number, made):
-                self._add_to_report(shot, number, shot.person(number), made)
-        else:
-            made = self._write(shot, number, made)
+        """Write the frame, and what is written of its person, where it is lacking.
+
+        Raises OSError or ValueError.
+        """
+        sinks, made = self._sinks, self._hashes.get(number) or self._content_hash(shot, number)
+        lacking = [sink for sink in sinks.frames if not sink.has(number, made)]
+        if lacking and self._phase == "finalize":
+            state = "made with other lights, sources or options" if lacking[0].exists(number) else "not there"
+            raise ValueError(f"{lacking[0].path}: the frame is {state}")
+        if lacking or not all(sink.has(number, made) for sink in sinks.of_persons):
+            person = shot.found_person(number)
+            made = self._content_hash(shot, number, as_read=True)
+            if lacking:
+                self._write_picture(shot, number, person.subject, lacking, made)
+            for sink in sinks.of_persons:
+                if not sink.has(number, made):
+                    sink.write(number, person, made)
         self._hashes[number] = made
 
     def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> Problems:
         """Write movies and scripts, which need all frames, and the lights file."""
         if self._phase != "frames":
             self._sinks.assemble(numbers, self._hashes, problems, report)
-            if self._report is not None:
-                self._report.write_only(numbers, problems)
             if self._output.plot is not None:
                 shot.write_plot(self._output.plot, self._start)
         if self._output.save_lights is not None:
@@ -201,41 +202,11 @@ class Relighting(Job[Problems]):
         """Return a hash of all from which a frame is made. `as_read`: see `Shot.content_hash`."""
         return shot.content_hash(number, self._output.passes, self._keeps_plate, as_read=as_read)
 
-    def _check_exists(self, number: int, made: str) -> None:
-        """Raise ValueError if an output lacks the frame."""
-        for sink in self._sinks.frames:
-            if not sink.has(number, made):
-                state = "made with other lights, sources or options" if sink.exists(number) else "not there"
-                raise ValueError(f"{sink.path}: the frame is {state}")
-
-    def _write(self, shot: Shot, number: int, made: str) -> str:
-        """See `frame`; return the hash of what the frame is made from."""
-        missing = [sink for sink in self._sinks.frames if not sink.has(number, made)]
-        matte = self._mattes is not None and not (
-            self._resume and images.read_content_hash(self._mattes.path(number)) == made
-        )
-        unreported = self._report is not None and not self._report.has(number, made)
-        if not missing and not matte and not unreported:
-            return made
-        person = shot.person(number)
-        made = self._content_hash(shot, number, as_read=True)
-        if missing:
-            self._write_picture(shot, number, person, missing, made)
-        if matte:
-            self._write_matte(number, person, made)
-        if self._report is not None:
-            self._add_to_report(shot, number, person, made)
-        return made
-
-    def _add_to_report(self, shot: Shot, number: int, person: Subject, made: str) -> None:
-        assert self._report is not None
-        self._report.add(number, made, person, shot.certainty(number), shot.neighbours(number))
-
     def _write_picture(
         self, shot: Shot, number: int, person: Subject, sinks: list[FileSink | MovieSink], made: str
     ) -> None:
         """Render the frame, and write it to some of the sinks."""
-        output, lighting, kept = self._output, shot.lighting, self._delivery.keeps_plate
+        output, lighting, kept = self._output, shot.lighting, self._keeps_plate
         lights, behind, keeps_codes = shot.surroundings(number, person, kept)
         metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
         rendering = render_layers(
@@ -247,16 +218,6 @@ class Relighting(Job[Problems]):
         back = None
         if behind is not None:
             back = lit_backdrop(person, rendering.cut_out, behind, rendering.shadow, blur, reached)
-        frame = RenderedFrame(rendering, back, kept, keeps_codes and not blur and not reached)
+        frame = RenderedFrame(rendering, back, kept, keeps_codes)
         for sink in sinks:
             sink.write(number, frame, made, metadata)
-
-    def _write_matte(self, number: int, person: Subject, made: str) -> None:
-        """Write the person's matte; an .exr has pixels of the plate's shape."""
-        assert self._mattes is not None
-        path, matte = self._mattes.path(number), person.matte
-        metadata: images.Metadata = {HASH_ATTRIBUTE: made}
-        if outputs.is_exr(path) and self._delivery.pixel_aspect != 1:
-            matte = squeeze_pixels(matte, self._delivery.pixel_aspect).clip(0, 1)
-            metadata = {**metadata, "PixelAspectRatio": self._delivery.pixel_aspect}
-        images.write_mask(path, matte, metadata=metadata)

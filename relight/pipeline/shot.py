@@ -16,7 +16,7 @@ from relight.analysis.camera import Camera
 from relight.compositing.composite import Background
 from relight.light_estimation import FILL, Matching, lights_on
 from relight.light_estimation import PLATE as PLATE_LIGHT
-from relight.light_painting import paint_lights, read_strokes, strokes_of
+from relight.light_painting import paint_lights, read_strokes
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
 from relight.lights.near import NearLight, Point
@@ -48,6 +48,14 @@ FOLLOWED = 2  # frames to each side over which the place of a light that follows
 
 def _follows(light: Light) -> TypeGuard[NearLight]:
     return isinstance(light, NearLight) and light.at is not None
+
+
+class FramePerson(NamedTuple):
+    """The person of a frame, and how they were found."""
+
+    subject: Subject
+    certainty: float | None  # that they are there, 0 to 1; None where nobody is followed
+    neighbours: list[int] | None  # the frames with which they were filtered; None for an analysis cache
 
 
 class Surroundings(NamedTuple):
@@ -233,9 +241,12 @@ class Shot:
         return [PHOTOGRAPH] if lighting.amount < 1 else [], [*shining, *behind]
 
     def light_groups(self, number: int) -> list[str]:
-        """Return the names of a frame's light groups, including that of the background."""
+        """Return the names of a frame's light groups, including that of the background.
+
+        Raises ValueError if two lights have one name, or a light that of another layer.
+        """
         before, after = self._own_layers
-        return [*before, *by_name(self.lights(number)), *after]
+        return [*before, *by_name(self.lights(number), [*before, *after]), *after]
 
     @property
     def options_hash(self) -> str:
@@ -259,18 +270,15 @@ class Shot:
 
     def person(self, number: int) -> Subject:
         """Return the person of a frame, filtered in time. Raises the errors of reading and of Subject."""
-        return self._persons.at(self._frames.source_frame(number))
+        return self.found_person(number).subject
 
-    def certainty(self, number: int) -> float | None:
-        """Return how certain it is that the person is in a frame, 0 to 1; None where nobody is followed."""
-        return None if self._frames.cache else self._frames.certainty(self._frames.source_frame(number))
-
-    def neighbours(self, number: int) -> list[int] | None:
-        """Return the frames with which the person of a frame was filtered, just after `person` returned them.
-
-        None for a person of an analysis cache.
-        """
-        return None if self._frames.cache else self._persons.neighbours(self._frames.source_frame(number))
+    def found_person(self, number: int) -> FramePerson:
+        """Return the person of a frame, as `person` does, and how they were found."""
+        number = self._frames.source_frame(number)
+        person, neighbours = self._persons.filtered(number)
+        if self._frames.cache:
+            return FramePerson(person, None, None)
+        return FramePerson(person, self._frames.certainty(number), neighbours)
 
     def subject(self, number: int, *, filtered: bool = True) -> Subject:
         """Return the person of a frame; raises ValueError if the frame shows no person."""
@@ -280,12 +288,9 @@ class Shot:
             raise ValueError(f"frame {number}: shows no person; choose another (frame=NUMBER)")
         return person
 
-    def plate_metadata(self, number: int) -> PlateMetadata:
-        """Return what a frame's plate states of its scene and camera, as it is or as a cache keeps it."""
-        return self._plate_metadata(number)
-
     @cached_property
-    def _plate_metadata(self) -> Callable[[int], PlateMetadata]:
+    def plate_metadata(self) -> Callable[[int], PlateMetadata]:
+        """Returns what a frame's plate states of its scene and camera, as it is or as a cache keeps it."""
         cache = self._frames.cache
         return PlateMetadataReader(self._frames.plates).at if cache is None else cache.plate_metadata
 
@@ -460,13 +465,13 @@ class Shot:
 
     def check_lights(self, number: int) -> None:
         """Raise ValueError if a frame's lights do not go with the background, or have names of layers."""
-        lights, (before, after) = self.lights(number), self._own_layers
+        lights = self.lights(number)
         self._backgrounds.check_lights(lights)
         self.matching.check_names(lights)
         for light in lights:
             if _follows(light):
                 joints.check_available(light)
-        by_name(lights, [*before, *after])
+        self.light_groups(number)
 
     def check_background(self) -> None:
         """Raise ValueError if the plate is to be the background, and there is none."""
@@ -515,7 +520,7 @@ class Shot:
 
         The strokes are on the first frame with a person. Raises as `paint_lights` does.
         """
-        strokes = read_strokes(picture) if is_path(picture) else strokes_of(picture)
+        strokes = read_strokes(picture)
         present = [*scaled(self.preset_lights, self.preset_gain), *self.every_light]
         number = next((each for each in self.numbers if not self._persons.at(each).is_empty), self.numbers[0])
         lighting = self.lighting
@@ -538,7 +543,6 @@ class Shot:
 
     def write_lights(self, path: Path, start: int) -> None:
         """Write the lights file; with a matched plate it has the light of the background's frame `start`."""
-        lights = self.all_lights(self.preset_gain)
-        if self.matching.plate:
-            lights += self._backgrounds.lights(start, self.size(start))
+        shining = self._backgrounds.lights(start, self.size(start)) if self.matching.plate else []
+        lights = [*self.all_lights(self.preset_gain), *shining]
         write_rig(path, self.matching.with_sidecar(path, lights))

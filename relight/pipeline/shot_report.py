@@ -10,8 +10,9 @@ import numpy as np
 
 from relight.matting.people.track import OTHER_CLOTHES, SAME_CLOTHES, clothes
 from relight.media import colour
-from relight.media.resampling import resize
+from relight.media.resampling import resize, size_within
 from relight.media.sequences import FrameRange
+from relight.pipeline.shot import FramePerson
 from relight.subject import Subject
 from shadow import files
 
@@ -64,12 +65,11 @@ class ShotReport:
         """Return whether there is an entry of a frame that was made from exactly these inputs."""
         return self._entries.get(number, {}).get("made_from") == made
 
-    def add(
-        self, number: int, made: str, person: Subject, certainty: float | None, neighbours: list[int] | None
-    ) -> None:
+    def write(self, number: int, person: FramePerson, made: str) -> None:
         """Add a frame, and write the report."""
-        area, colours = _area_and_colours(person)
-        sure = None if person.is_empty else round(person.mean_confidence, 3)
+        subject, certainty, neighbours = person
+        area, colours = _area_and_colours(subject)
+        sure = None if subject.is_empty else round(subject.mean_confidence, 3)
         self._entries[number] = {
             "certainty": None if certainty is None else round(certainty, 3),
             "area": round(area, 5),
@@ -79,15 +79,15 @@ class ShotReport:
             "colours": None if colours is None else colours.astype(float).round(3).tolist(),
             "made_from": made,
         }
-        self.write()
+        self._write_all()
 
     def write_only(self, numbers: FrameRange, problems: Mapping[int, str]) -> None:
         """Write the report of these frames alone."""
         entries = {number: self._entries.get(number, {}) for number in numbers}
         self._entries = entries | {number: {"error": problem} for number, problem in problems.items()}
-        self.write()
+        self._write_all()
 
-    def write(self) -> None:
+    def _write_all(self) -> None:
         """Write all entries, and what follows from each and the one before it."""
         frames: dict[str, Mapping[str, object]] = {}
         last: Entry | None = None
@@ -115,10 +115,8 @@ def _area_and_colours(person: Subject) -> tuple[float, np.ndarray | None]:
     """Return the share of the picture that a person covers, and their colours, see `clothes`."""
     if person.is_empty:
         return 0.0, None
-    picture = person.on_plate(person.photographed_pixels())
-    shrink = min(1.0, SIDE / max(picture.shape[:2]))
-    height, width = (max(1, round(length * shrink)) for length in picture.shape[:2])
-    small = resize(picture, (height, width), "box")
+    picture = person.photographed()
+    small = resize(picture, size_within(picture.shape, SIDE), "box")
     alpha = small[..., 3]
     colours = colour.encode(small[..., :3] / np.maximum(alpha, 1e-3)[..., None], white=1)
     return float(picture[..., 3].mean()), clothes(colours, alpha)

@@ -1,4 +1,4 @@
-"""Where the frames of a shot go: files, movies and Nuke scripts, each complete or not there."""
+"""Where the frames of a shot go: pictures, movies, scripts, mattes, a report; each complete or not there."""
 
 import contextlib
 from collections.abc import Iterator, Mapping
@@ -12,13 +12,15 @@ from relight.media import images, movies
 from relight.media.colour import Display
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
 from relight.media.pixel_aspect import squeeze_pixels
-from relight.media.resampling import resize
+from relight.media.resampling import resize, size_within
 from relight.media.sequences import FrameRange, FrameSequence
 from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Phase, Report
 from relight.pipeline.options import Output
 from relight.pipeline.outputs import held_frames, is_exr
 from relight.pipeline.rendered_frame import RenderedFrame
+from relight.pipeline.shot import FramePerson
+from relight.pipeline.shot_report import ShotReport
 from relight.scene import nuke
 from relight.scene.nuke.relight_node import LiveLight
 
@@ -29,9 +31,16 @@ Made = Mapping[int, str]  # {frame number: content hash of what the frame is mad
 class Sinks:
     """The outputs of a shot."""
 
-    frames: list["FileSink | MovieSink"]  # all that take frames, movies among them
+    frames: list["FileSink | MovieSink"]  # all that take pictures, movies among them
     movies: list["MovieSink"]  # complete only when all frames are there, as scripts are
     scripts: list["ScriptSink"]
+    mattes: "MatteSink | None"
+    report: ShotReport | None
+
+    @property
+    def of_persons(self) -> list["MatteSink | ShotReport"]:
+        """What takes persons, without their light."""
+        return [each for each in (self.mattes, self.report) if each is not None]
 
     def begin(self, made: Made) -> None:
         """Prepare for these frames. Files are kept until those that replace them are complete."""
@@ -44,6 +53,8 @@ class Sinks:
             movie.encode(numbers, made, problems, report)
         for script in self.scripts:
             script.write(numbers)
+        if self.report is not None:
+            self.report.write_only(numbers, problems)
 
 
 @dataclass(frozen=True)
@@ -94,6 +105,7 @@ def open_sinks(
         "autocrop": output.autocrop,
         "colour_space": output.output_colour_space,
     }
+    kept = resume or phase == "finalize"
     frames: list[FileSink | MovieSink] = []
     movie_sinks: list[MovieSink] = []
     for path in output.paths:
@@ -103,7 +115,6 @@ def open_sinks(
             movie_sinks.append(MovieSink(path, resume or phase != "all", display, delivery))
             frames.append(movie_sinks[-1])
         else:
-            kept = resume or phase == "finalize"
             frames.append(
                 FileSink(file_of(path), kept, display, exr, delivery, output.quality, output.longest_side)
             )
@@ -113,7 +124,11 @@ def open_sinks(
         read = {name: (file_of(exrs[0]), f"C_{name}") for name in groups}
         live = {"albedo", "N", "P"} <= set(output.passes)
         scripts.append(ScriptSink(path, read, moving, delivery, live=live))
-    return Sinks(frames, movie_sinks, scripts)
+    mattes = None
+    if output.save_matte is not None and phase != "finalize":
+        mattes = MatteSink(file_of(output.save_matte), resume, delivery.pixel_aspect)
+    report = None if output.report is None else ShotReport(output.report, resume)
+    return Sinks(frames, movie_sinks, scripts, mattes, report)
 
 
 @dataclass
@@ -159,12 +174,9 @@ class FileSink:
 
     def _reduced(self, path: Path, picture: np.ndarray) -> np.ndarray:
         """Return a picture (H, W, C) in the size in which a display format has it."""
-        longest = max(picture.shape[:2])
-        if self.longest_side is None or longest <= self.longest_side or path.suffix.lower() == ".hdr":
+        if self.longest_side is None or path.suffix.lower() == ".hdr":
             return picture
-        shrink = self.longest_side / longest
-        rows, columns = (max(1, round(side * shrink)) for side in picture.shape[:2])
-        return resize(picture, (rows, columns), "triangle")
+        return resize(picture, size_within(picture.shape, self.longest_side), "triangle")
 
     def _hash(self, path: Path, made: str) -> str:
         if is_exr(path):
@@ -172,6 +184,26 @@ class FileSink:
             return content_hash(made, self.exr["depth"], *space)  # cropped or not, it is the same picture
         form = {"quality": self.quality, "longest side": self.longest_side}
         return content_hash(made, self.display, *([form] if any(form.values()) else []))
+
+
+@dataclass
+class MatteSink:
+    """The person's matte, a file a frame; an .exr has pixels of the plate's shape."""
+
+    path: FrameSequence | SingleFile
+    resume: bool
+    pixel_aspect: float
+
+    def has(self, number: int, made: str) -> bool:
+        return self.resume and images.read_content_hash(self.path.path(number)) == made
+
+    def write(self, number: int, person: FramePerson, made: str) -> None:
+        path, matte = self.path.path(number), person.subject.matte
+        metadata: images.Metadata = {HASH_ATTRIBUTE: made}
+        if is_exr(path) and self.pixel_aspect != 1:
+            matte = squeeze_pixels(matte, self.pixel_aspect).clip(0, 1)
+            metadata = {**metadata, "PixelAspectRatio": self.pixel_aspect}
+        images.write_mask(path, matte, metadata=metadata)
 
 
 @dataclass

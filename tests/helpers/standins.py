@@ -86,8 +86,8 @@ class FlatSubject:
     def relit(self, light):
         return self.image * np.float32([light.intensity] * 3 + [1])
 
-    def photographed_pixels(self):
-        return torch.from_numpy(self.image).flatten(0, 1)
+    def photographed(self):
+        return self.image
 
     def pixels_per_light(self, named, gloss=0.0, photograph=0.0):
         for name, light in named.items():

@@ -71,6 +71,6 @@ def layers_of(subject: Person, basis: Basis) -> tuple[np.ndarray, dict[str, np.n
     )
     plate = subject.upsampled(arrays.silhouette.scatter(maps))
     layers = {name: plate[..., 3 * n : 3 * n + 3] for n, name in enumerate(NAMES[:-1])}
-    layers[PHOTOGRAPH] = subject.on_plate(subject.photographed_pixels())[..., :3]
+    layers[PHOTOGRAPH] = subject.photographed()[..., :3]
     matte = subject.matte[..., None]
     return np.concatenate([subject.albedo * matte, matte], axis=-1), layers
