@@ -143,7 +143,10 @@ def install(packs: Path, work: Path) -> None:
     """Unpack the archives that are there, and copy the code, which the next command may replace here."""
     site = work / "site"
     for package in ("relight", "shadow", "shading", "benchmarks"):
-        shutil.copytree(ROOT / package, work / "code" / package, dirs_exist_ok=True)
+        shutil.copytree(
+            ROOT / package, work / "code" / package, dirs_exist_ok=True,
+            ignore=shutil.ignore_patterns("__pycache__"),
+        )  # fmt: skip
     for pack in sorted(packs.glob("*.tar.xz")):
         if not (done := work / f"{pack.name}.done").exists():
             with tarfile.open(pack) as archive:
