@@ -4,6 +4,7 @@ It was trained on rendered people (see shadow/weights/MODEL_CARD.md), and sees a
 matte is the mean of those of the crop and of its mirror image.
 """
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,17 @@ FILTER = "triangle"  # of `resize`, for copies
 def is_one(name: str) -> bool:
     """Return whether a name or path is of such a network."""
     return name == OWN or Path(name).suffix.lower() == ".safetensors"
+
+
+def identity() -> str:
+    """Return a name of the shipped weights that no other ones have."""
+    return f"{OWN} {checkpoints.checksum(OWN, package='shadow')}"
+
+
+@functools.lru_cache(maxsize=1)
+def load() -> "CutoutNetwork":
+    """Return the network whose weights are in the package, read once in a process."""
+    return CutoutNetwork()
 
 
 class CutoutNetwork:

@@ -213,7 +213,7 @@ def load(
         finder = FoundPerson(person)
         if not silhouette_files.are_fetched():
             warnings.warn(
-                f"matte: the edge is that of a mask of 256 pixels; {silhouette_files.COMMAND} brings "
+                f"matte: the package's network sees 512 pixels a side; {silhouette_files.COMMAND} brings "
                 f"{silhouette_files.ABOUT}, which keeps hair, hands and what people hold",
                 stacklevel=3,
             )

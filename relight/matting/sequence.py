@@ -11,7 +11,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
-from relight.matting import networks, refine, silhouette_files
+from relight.matting import cutout_network, networks, refine, silhouette_files
 from relight.matting.people.choice import as_circle
 from relight.matting.people.finder import FoundPerson
 from relight.matting.people.region import Circle
@@ -157,12 +157,12 @@ class SequenceMatting:
 
     @property
     def network(self) -> str | Path | None:
-        """What cuts people out: the name of the fetched network, or the path of another one; None without."""
+        """What cuts found people out: the name of a network, or the path of one; None if nobody is found."""
         if self._options.model != networks.AUTO:
             return None
         if given := self._options.options.get("silhouette"):
             return Path(given)
-        return silhouette_files.NETWORK if silhouette_files.are_fetched() else None
+        return silhouette_files.NETWORK if silhouette_files.are_fetched() else cutout_network.identity()
 
     def frames_read(self, number: int) -> list[int]:
         """Return the other frames on which a frame's matte depends, the one that says whom to follow too."""

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from scipy.special import expit
 
 from relight.errors import EmptyMatteError
-from relight.matting import silhouette
+from relight.matting import cutout_network, silhouette
 from relight.matting.openvino_runtime import compiled, openvino
 from relight.matting.people import files as person_files
 from relight.matting.people import neighbours
@@ -97,8 +97,9 @@ class FoundPerson:
     """The person found in each photograph, at its own detail: a model of `relight.matte`.
 
     `person`: see `find`. `network`: what cuts the person out where they were found; IS-Net if it has been
-    fetched. Without one, the coarse mask's edge is solved, see `relight.matting.outline.drawing`. `is_rough`:
-    whether its edge follows the photograph's and no more.
+    fetched. Without one, the package's own network mends the coarse mask, whose edge is then solved by its
+    colours, see `relight.matting.outline.drawing`. `is_rough`: whether the mask's edge follows the
+    photograph's and no more.
     """
 
     recurrent = False
@@ -142,7 +143,8 @@ class FoundPerson:
         from relight.matting import outline  # whose parts of SciPy take long to load
 
         codes = np.rint(encoded * 255).astype(np.uint8)
-        return outline.refine(codes, outline.outlined(codes, outline.Outline(matte=choice.mask())))
+        mask = silhouette.mended_mask(encoded, choice, cutout_network.load())
+        return outline.refine(codes, outline.outlined(codes, outline.Outline(matte=mask)))
 
     def seen(self, encoded: np.ndarray, near: Circle | None) -> Seen:
         """Return who is in a photograph, among them whoever is `near` if they are there."""

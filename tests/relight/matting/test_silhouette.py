@@ -68,6 +68,28 @@ def test_what_is_held_stays_and_what_does_not_touch_goes():
     assert len(looks) == 1
 
 
+def test_a_mended_mask_is_the_mean_of_the_mask_and_of_what_the_network_sees():
+    arm = ellipse((200, 180), (22, 9))
+    picture, network, looks = network_of((BODY | arm) & ~ellipse((150, 240), (9, 9)))
+    choice = chosen(somebody(150, 200, (40, 110)))
+    mended = silhouette.mended_mask(picture, choice, network)
+    np.testing.assert_allclose(mended, (choice.mask() + picture[..., 0]) / 2, atol=2e-3)
+    assert len(looks) == 1
+    np.testing.assert_array_equal(
+        silhouette.mended_mask(picture, chosen(somebody(150, 200, (40, 110)), index=None), network),
+        chosen(somebody(150, 200, (40, 110)), index=None).mask(),
+    )
+
+
+def test_a_mended_mask_takes_nothing_from_who_is_beside():
+    other = ellipse((222, 200), (30, 100))
+    picture, network, _ = network_of(BODY | other)
+    choice = chosen(somebody(150, 200, (36, 106), rivals=(222, 200)))
+    mended = silhouette.mended_mask(picture, choice, network)
+    assert mended[other & ~ellipse((150, 200), (60, 130))].max() < 0.1
+    assert mended[ellipse((150, 200), (25, 90))].min() > 0.95
+
+
 @pytest.mark.parametrize("hand", [None, (188, 200)])
 def test_what_touches_the_person_stays_in_their_hand_alone_and_not_if_it_is_large(hand):
     letter, wheel = ellipse((195, 120), (25, 12)), ellipse((222, 220), (40, 60))
