@@ -30,7 +30,7 @@ STAGE: Panels = {
     "Files and machine": "pack cutouts lightings sheet processes dask",
 }
 TRAIN: Panels = {
-    "Run": "records backdrops out preset steps duration validation minutes workers seed",
+    "Run": "records backdrops pose_masks out preset steps duration validation minutes workers seed",
     "Network": "model init normals visibility blocks no_normals no_depth",
     "Recipe": "size batch lights learning_rate warm_up average borders faces angles distil",
 }

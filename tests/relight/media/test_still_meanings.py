@@ -167,7 +167,8 @@ def test_a_png_of_xcode_is_refused_in_one_line_whatever_its_name(tmp_path):
         path.write_bytes(b"\x89PNG\r\n\x1a\n" + body)
     ran = subprocess.run([sys.executable, "-c", XCODE, *paths], capture_output=True, text=True, check=True)
     assert not ran.stderr  # libpng prints nothing of its own
-    for path, said in zip(paths, ran.stdout.splitlines(), strict=True):
+    refused = ran.stdout.splitlines()
+    for path, said in zip(paths, refused, strict=True):
         assert said.startswith(f"{path}: was converted for iOS by Xcode (chunk CgBI)")
 
 
