@@ -336,15 +336,15 @@ def test_the_outlines_edge_is_corrected_by_cuts_sliders_and_a_matte_from_a_file(
 
 def test_an_analysis_can_be_cancelled_and_done_again(page, photo):
     outlined(page, photo)
-    page.evaluate(  # at once: a small photograph is analysed within a second
-        """async () => {
-            const named = (text) => (one) => one.textContent === text;
-            const buttons = [...document.querySelectorAll("button")];
-            buttons.find(named("Use this outline")).click();
-            while (!relightApp.aborting) await new Promise((done) => setTimeout(done, 1));
-            relightApp.cancel.click();
+    page.evaluate(  # as soon as the dialogue is open: a small photograph is analysed within a second
+        """() => {
+            new MutationObserver((_, observer) => {
+                observer.disconnect();
+                relightApp.cancel.click();
+            }).observe(relightApp.progress, { attributes: true, attributeFilter: ["open"] });
         }"""
     )
+    page.get_by_role("button", name="Use this outline").click()
     assert notice(page) == "Cancelled."
     assert page.evaluate("relightApp.step") == "outline"
     page.get_by_role("button", name="Use this outline").click()
