@@ -213,8 +213,9 @@ def load(
         finder = FoundPerson(person)
         if not silhouette_files.are_fetched():
             warnings.warn(
-                f"matte: the package's network sees 512 pixels a side; {silhouette_files.COMMAND} brings "
-                f"{silhouette_files.ABOUT}, which keeps hair, hands and what people hold",
+                "matte: the network that cuts people out is the package's own, of 512 pixels a side; "
+                f"{silhouette_files.COMMAND} brings {silhouette_files.ABOUT}, which keeps more of hair, "
+                "hands and what people hold",
                 stacklevel=3,
             )
         return finder

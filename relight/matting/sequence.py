@@ -157,7 +157,7 @@ class SequenceMatting:
 
     @property
     def network(self) -> str | Path | None:
-        """What cuts found people out: the name of a network, or the path of one; None if nobody is found."""
+        """What cuts people out: the name of a network, or the path of one; None if nobody is looked for."""
         if self._options.model != networks.AUTO:
             return None
         if given := self._options.options.get("silhouette"):

@@ -95,10 +95,8 @@ def person_matte(
     nothing of the person is in the picture.
     """
     matte = np.zeros(encoded.shape[:2], np.float32)
-    top, left, bottom, right = choice.box()
-    step = round(MARGIN * max(bottom - top, right - left))
-    grow = np.array([-step, -step, step, step])
-    box = _within((top, left, bottom, right) + grow, encoded.shape)
+    grow = _margin(choice)
+    box = _within(choice.box() + grow, encoded.shape)
     for number in range(CROPS):
         crop = encoded[box[0] : box[2], box[1] : box[3]]
         seen, shrink = _copy(crop)
@@ -116,6 +114,13 @@ def person_matte(
         box = wider
     matte[box[0] : box[2], box[1] : box[3]] = _at_full_size(alpha, seen, crop)
     return matte
+
+
+def _margin(choice: Choice) -> np.ndarray:
+    """Return by how much the crop exceeds a person's box (top, left, bottom, right) at each end."""
+    top, left, bottom, right = choice.box()
+    step = round(MARGIN * max(bottom - top, right - left))
+    return np.array([-step, -step, step, step])
 
 
 def _within(box: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -141,9 +146,7 @@ def mended_mask(encoded: np.ndarray, choice: Choice, network: Silhouette) -> np.
     mask = choice.mask()
     if choice.index is None:
         return mask
-    top, left, bottom, right = choice.box()
-    step = round(MARGIN * max(bottom - top, right - left))
-    box = _within(np.array([top - step, left - step, bottom + step, right + step]), encoded.shape)
+    box = _within(choice.box() + _margin(choice), encoded.shape)
     crop = encoded[box[0] : box[2], box[1] : box[3]]
     seen, shrink = _copy(crop)
     theirs, rivals = choice.masks((box[0], box[1]), shrink, seen.shape[:2])
