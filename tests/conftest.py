@@ -93,8 +93,9 @@ def finder(tmp_path_factory):
 
 @pytest.fixture
 def fetched(finder, monkeypatch):
-    """The networks that find people are there: they find red discs."""
+    """The networks that find people are there: they find red discs, whose masks need no mending."""
     monkeypatch.setattr("relight.matting.people.finder.load", lambda: finder)
+    monkeypatch.setattr("relight.matting.cutout_network.load", lambda: lambda crop, mask: mask)
 
 
 @pytest.fixture
