@@ -100,6 +100,7 @@ def test_settings_of_the_caller_change_nothing_and_stay(figure, usual, name):
         np.testing.assert_allclose(one, other, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_packages_that_are_imported_later_are_whole():
     program = (
         "import torch; torch.set_default_dtype(torch.float64); torch.set_default_device('meta')\n"

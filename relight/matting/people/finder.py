@@ -189,7 +189,7 @@ class PersonFinder:
         at = np.array(person, float) if is_point else None
         first = found[choice.index]
         found[choice.index] = neighbours.alone(
-            copies.for_circle(first.circle), first, self._detector, self._person, at
+            copies.for_circle(first.circle), first, self._detector, self.look, at
         )
         return replace(choice, people=tuple(found))
 
@@ -202,10 +202,6 @@ class PersonFinder:
         given; all of them if `thorough`.
         """
         return self._people(Copies.of(encoded), thorough, near)
-
-    def look(self, picture: torch.Tensor, around: Circle) -> list[DetectedPerson]:
-        """Return who is in a circle of a picture (3, H, W), sRGB-encoded in [0, 1]; nobody or one."""
-        return self._person(picture, around)
 
     def turns_to_upright(self, encoded: np.ndarray, found: Sequence[DetectedPerson]) -> int:
         """Return by how many quarter turns, clockwise, somebody in a photograph comes to stand upright.
@@ -225,7 +221,7 @@ class PersonFinder:
             upright = [
                 person.area
                 for hips, rim in self._detector(copies.reduced, SHARES[0], SCORES[0])[:1]
-                for person in self._person(copies.reduced, Circle.of(hips, rim), copies.scale)
+                for person in self.look(copies.reduced, Circle.of(hips, rim), copies.scale)
                 if person.certainty >= CERTAIN
             ]
             areas.append(max(upright, default=0.0))
@@ -239,7 +235,7 @@ class PersonFinder:
                 start = Circle.of(hips * copies.scale, rim * copies.scale)
                 if not any(each.certainty >= CERTAIN and each.has_part(start) for each in seen):
                     picture, scale = copies.for_circle(start)
-                    seen += self._person(picture, start, scale)
+                    seen += self.look(picture, start, scale)
             found = distinct(seen, copies.size)
             enough = any(
                 each.certainty >= CERTAIN and (near is None or each.circle.distance(near) < ALIKE)
@@ -252,12 +248,12 @@ class PersonFinder:
             found, key=lambda each: (each.certainty < CERTAIN, -min(each.certainty, CERTAIN), -each.area)
         )
 
-    def _person(
+    def look(
         self, picture: torch.Tensor, around: Circle, scale: np.ndarray = UNSCALED
     ) -> list[DetectedPerson]:
         """Return who is in a circle of the full picture, seen in a copy (3, h, w); nobody or one.
 
-        `scale` (x, y) leads from the copy to the picture.
+        The copy is sRGB-encoded in [0, 1]; `scale` (x, y) leads from it to the picture.
         """
         circle, opinions = around.reduced(scale), []
         for _ in range(ROUNDS):

@@ -184,6 +184,7 @@ assert [each for each in sys.modules if each.startswith("pymatting")] == [
 """
 
 
+@pytest.mark.slow
 def test_the_first_use_on_a_machine_compiles_what_is_used_alone(tmp_path):
     subprocess.run(
         [sys.executable, "-c", FIRST_USE], check=True, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}

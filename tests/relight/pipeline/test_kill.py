@@ -66,7 +66,9 @@ with small_canvas():
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tests")}
 
 
-@pytest.mark.parametrize(("name", "files"), [("r.%02d.exr", 2), ("r.mp4", 4)])
+@pytest.mark.parametrize(
+    ("name", "files"), [("r.%02d.exr", 2), pytest.param("r.mp4", 4, marks=pytest.mark.slow)]
+)
 def test_killed_and_resumed(tmp_path, name, files):
     whole, folder = tmp_path / "whole", tmp_path / "killed"
     for path in (whole, folder):
@@ -93,7 +95,10 @@ def end_at_the_close(program, output, last, ended_by):
 @pytest.mark.skipif(sys.platform != "linux", reason="has no files without a name")
 @pytest.mark.parametrize(
     ("name", "last", "kept", "ended_by"),
-    [("r.%02d.exr", "r.10.exr", 9, "SIGKILL"), ("r.mp4", "r.mp4", 10, "SIGTERM")],
+    [
+        pytest.param("r.%02d.exr", "r.10.exr", 9, "SIGKILL", marks=pytest.mark.slow),
+        ("r.mp4", "r.mp4", 10, "SIGTERM"),
+    ],
 )
 def test_ended_as_the_last_file_closes_and_resumed(tmp_path, name, last, kept, ended_by):
     whole, folder = tmp_path / "whole", tmp_path / "ended"
@@ -111,10 +116,11 @@ def test_ended_as_the_last_file_closes_and_resumed(tmp_path, name, last, kept, e
 @pytest.mark.parametrize(
     ("program", "name", "last", "ended_by"),
     [
-        (ANALYSE, "s.relight", "still.safetensors", "SIGTERM"),
-        (EXPORT, "person.glb", "person.glb", "SIGKILL"),
+        pytest.param(
+            ANALYSE, "s.relight", "still.safetensors", "SIGTERM", id="analyse", marks=pytest.mark.slow
+        ),
+        pytest.param(EXPORT, "person.glb", "person.glb", "SIGKILL", id="export"),
     ],
-    ids=["analyse", "export"],
 )
 def test_ended_as_an_analysis_or_a_mesh_closes(tmp_path, program, name, last, ended_by):
     before = b"of an earlier run"

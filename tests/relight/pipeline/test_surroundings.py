@@ -59,7 +59,7 @@ def run(folder, *words, **environment):
     return done
 
 
-@pytest.mark.parametrize("locale", ["C", "tr_TR.UTF-8"])
+@pytest.mark.parametrize("locale", [pytest.param("C", marks=pytest.mark.slow), "tr_TR.UTF-8"])
 def test_names_and_numbers_are_those_of_every_locale_and_standard_output_has_the_name(figure, locale):
     """Brackets are no markup, a name is a line however long it is, and no temporary folder is needed."""
     (figure / "figure.png").rename(figure / "Işıl.png")
@@ -73,13 +73,8 @@ def test_names_and_numbers_are_those_of_every_locale_and_standard_output_has_the
     assert list(relight.read_layers(figure / name)) == ["C_İpek"]
 
 
-@pytest.mark.parametrize(
-    "output",
-    [
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("out.mov", "out.%d.exr")),
-        "out.png",
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("output", ["out.mov", "out.%d.exr", "out.png"])
 def test_two_processes_with_one_output_leave_one_whole_file(figure, output):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     jobs = [

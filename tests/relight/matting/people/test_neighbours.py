@@ -36,7 +36,7 @@ def finder(faces, presence=1.0):
         return [DetectedPerson(circle, np.float32(seen[..., 0] - seen[..., 1] > 0.4), presence)]
 
     made = object.__new__(PersonFinder)
-    made._detector, made._person = Detector(faces), look
+    made._detector, made.look = Detector(faces), look
     made.with_more_views = lambda encoded, choice: choice
     return made
 
