@@ -37,7 +37,7 @@ FILES = ("photograph", "albedo")
 JPEG_QUALITY = 98  # without subsampling; at 95 the picture's error doubles to 0.012 RMS
 
 
-def pack(record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray, *, compression: int = 9) -> bytes:
+def pack(record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray, *, compression: int = 8) -> bytes:
     """Pack a person as the page takes it.
 
     The matte is (H, W) in [0, 1], the albedo (H, W, 3) linear, as those of `Subject`. `compression`: of zlib,
