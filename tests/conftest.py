@@ -98,17 +98,24 @@ def fetched(finder, monkeypatch):
     monkeypatch.setattr("relight.matting.cutout_network.load", lambda: lambda crop, mask: mask)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session", autouse=True)
 def small_canvas():
     """The networks on a small canvas, in tests of all but their maps: see `damage.small_canvas`."""
     with damage.small_canvas():
         yield
 
 
+@pytest.fixture(autouse=True)
+def small_canvas_again(request, small_canvas):
+    """The same for networks that are read once more, since a process keeps eight and a test had others."""
+    with contextlib.nullcontext() if "full_canvas" in request.fixturenames else damage.small_canvas():
+        yield
+
+
 @pytest.fixture(scope="module")
-def small_canvas_of_module():
-    """The same for all tests of a file, and what its fixtures make once."""
-    with damage.small_canvas():
+def full_canvas(small_canvas):
+    """The networks on their own canvas, for all tests of a file and what its fixtures make once."""
+    with damage.small_canvas(512):
         yield
 
 

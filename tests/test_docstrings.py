@@ -36,7 +36,6 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("small_canvas")
 @pytest.mark.parametrize(
     ("package", "name"), NAMES, ids=[f"{package.__name__}.{name}" for package, name in NAMES]
 )
@@ -50,7 +49,6 @@ def test_the_example_runs(package, name, folder):
     assert not results.failed
 
 
-@pytest.mark.usefixtures("small_canvas")
 @pytest.mark.parametrize("name", MODULES)
 def test_the_examples_of_a_module_run(name):
     with contextlib.chdir(documents.ROOT):

@@ -44,7 +44,7 @@ def desk(tmp_path_factory):
 
 
 @pytest.fixture
-def reader(desk, here, small_canvas, monkeypatch):
+def reader(desk, here, monkeypatch):
     """A folder with what the documents name, as the working folder."""
     for path in desk.iterdir():
         (here / path.name).symlink_to(path.resolve())

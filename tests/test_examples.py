@@ -16,8 +16,6 @@ from helpers import ROOT
 import relight
 from relight.media.movies import Movie
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 def apart(*command):
     """Run an example as a reader does, in a process of its own, with the networks as they are."""

@@ -14,6 +14,8 @@ from safetensors.torch import save_file
 from shadow.networks import checkpoints
 from shadow.networks.mirror import Silhouette
 
+pytestmark = pytest.mark.usefixtures("full_canvas")
+
 ANCHORS = 96
 SHARPNESS = 3 + ANCHORS  # the field's channels: normals, cast maps, logarithm of the sharpness, depth
 DEPTH = SHARPNESS + 1

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers.damage import small_canvas
 from helpers.standins import ball, image_of
 
 import relight
@@ -14,8 +13,6 @@ LIGHTS = [
     relight.DirectionalLight(azimuth=150, elevation=20, name="rim"),
 ]
 BEHIND = np.full((200, 160, 3), 0.25, np.float32)
-
-pytestmark = pytest.mark.usefixtures("small_canvas")
 
 
 def photograph():
@@ -29,8 +26,7 @@ def photograph():
 @pytest.fixture(scope="module")
 def person():
     image, normals = photograph()
-    with small_canvas():
-        return relight.Subject(image, normals=normals)
+    return relight.Subject(image, normals=normals)
 
 
 def test_amount_leads_from_the_photograph_to_the_lights(person):
@@ -67,8 +63,7 @@ def test_apply_takes_an_amount_and_its_shadow_on_the_floor_is_as_strong(person):
     outside = person.matte == 0
     np.testing.assert_allclose(none[outside], BEHIND[outside], atol=1e-6)
     image, normals = photograph()
-    with small_canvas():
-        again = relight.apply(image, LIGHTS, normals=normals, background=BEHIND, floor=floor, amount=0.5)
+    again = relight.apply(image, LIGHTS, normals=normals, background=BEHIND, floor=floor, amount=0.5)
     np.testing.assert_allclose(again, half, atol=1e-6)
 
 
@@ -92,17 +87,16 @@ def test_rembrandt_keeps_the_ratio_of_its_lights(person):
 
 def test_a_shot_is_lit_by_a_preset_as_a_subject_is_and_saves_the_lights_it_had(tmp_path):
     image, normals = photograph()
-    with small_canvas():
-        subject = relight.Subject(image, normals=normals)
-        source = relight.Source(image, normals=normals)
-        lighting = relight.Lighting("window", amount=0.5, intensity=1.5)
-        saved = tmp_path / "lights.yaml"
-        relight.render_shot(
-            source, lighting, relight.Output(tmp_path / "a.exr", exr_type="float", save_lights=saved)
-        )
-        relight.render_shot(
-            source, relight.Lighting(saved, amount=0.5), relight.Output(tmp_path / "b.exr", exr_type="float")
-        )
+    subject = relight.Subject(image, normals=normals)
+    source = relight.Source(image, normals=normals)
+    lighting = relight.Lighting("window", amount=0.5, intensity=1.5)
+    saved = tmp_path / "lights.yaml"
+    relight.render_shot(
+        source, lighting, relight.Output(tmp_path / "a.exr", exr_type="float", save_lights=saved)
+    )
+    relight.render_shot(
+        source, relight.Lighting(saved, amount=0.5), relight.Output(tmp_path / "b.exr", exr_type="float")
+    )
     first, again = (relight.read(tmp_path / name) for name in ("a.exr", "b.exr"))
     lights = [
         relight.DirectionalLight(**(light.settings() | {"intensity": 1.5 * light.intensity}))
@@ -117,15 +111,14 @@ def test_intensity_is_that_of_all_lights_moving_ones_too(tmp_path):
     moving = relight.MovingLight(azimuth=-30, intensity={0: 1, 10: 3}, name="moving")
     still = relight.DirectionalLight(azimuth=60, name="still")
     pictures = []
-    with small_canvas():
-        for intensity in (1, 2):
-            path = tmp_path / f"{intensity}.exr"
-            lighting = relight.Lighting([moving, still], intensity=intensity)
-            relight.render_shot(
-                relight.Source(image, normals=normals), lighting, relight.Output(path, exr_type="float"),
-                frames="5",
-            )  # fmt: skip
-            pictures.append(relight.read(path)[..., :3])
+    for intensity in (1, 2):
+        path = tmp_path / f"{intensity}.exr"
+        lighting = relight.Lighting([moving, still], intensity=intensity)
+        relight.render_shot(
+            relight.Source(image, normals=normals), lighting, relight.Output(path, exr_type="float"),
+            frames="5",
+        )  # fmt: skip
+        pictures.append(relight.read(path)[..., :3])
     np.testing.assert_allclose(pictures[1], 2 * pictures[0], rtol=1e-5, atol=1e-7)
 
 

@@ -4,7 +4,6 @@ import pickle
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers.damage import small_canvas
 
 import relight
 from relight.errors import EmptyMatteError
@@ -17,8 +16,6 @@ LIGHTS = [
     relight.DirectionalLight(azimuth=160, elevation=30, intensity=70, name="rim"),
 ]
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 @pytest.fixture(scope="module")
 def subject():
@@ -28,8 +25,7 @@ def subject():
     alpha = np.clip((1 - radius) * 12 + 0.5, 0, 1)[..., None]
     normals = np.stack([x, -y, np.sqrt(np.clip(1 - radius**2, 0, None))], axis=-1) * (radius < 1)[..., None]
     image = np.concatenate([alpha * (0.5, 0.4, 0.3), alpha], axis=-1).astype(np.float32)
-    with small_canvas():
-        return relight.Subject(image, normals=normals.astype(np.float32))
+    return relight.Subject(image, normals=normals.astype(np.float32))
 
 
 def half_steps(total, beauty):

@@ -14,14 +14,11 @@ LEFT = relight.DirectionalLight(azimuth=-60, name="left")
 RIGHT = relight.DirectionalLight(azimuth=60, intensity=0.7, colour=(0.2, 0.6, 1.0), name="right")
 ABOVE = relight.DirectionalLight(elevation=70, angle=30, intensity=3, name="above")
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 @pytest.fixture(scope="module")
 def sphere():
     coverage, normals = ball(200, 160)
-    with small_canvas():
-        return relight.Subject(image_of(coverage), normals=normals)
+    return relight.Subject(image_of(coverage), normals=normals)
 
 
 # What it holds

@@ -146,7 +146,7 @@ def test_a_field_lacks_no_input(options):
         diffuse.ShadingField(128, **options)
 
 
-def test_given_visibility_is_used(small_canvas, person):
+def test_given_visibility_is_used(person):
     rgb, mask = person
     lights = olat()[:3]
     lit = np.ones((3, *mask.shape), np.float32)

@@ -22,8 +22,6 @@ from shadow.networks import checkpoints
 from shadow.networks.field import VisibilityField
 from shadow.networks.precision import using
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 LIGHTS = np.float32([[-0.6, 0.4, 0.7], [0.5, 0.5, 0.7], [0.8, 0.0, -0.6]])
 
 

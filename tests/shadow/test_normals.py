@@ -13,8 +13,6 @@ from shadow.networks import checkpoints
 from shadow.networks.field import VisibilityField
 from shadow.networks.unet import PerLight
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 SMALL = {"size": 128, "widths": (8, 8, 8, 8, 8), "encoder": (1, 1, 1, 1, 1), "decoder": (1, 1, 1, 1)}
 
 

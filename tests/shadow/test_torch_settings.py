@@ -17,9 +17,6 @@ from shadow.torch_settings import isolated, isolated_class, own_settings
 LIGHT = relight.DirectionalLight(azimuth=-40, elevation=30)
 
 
-pytestmark = pytest.mark.usefixtures("small_canvas_of_module")
-
-
 @contextlib.contextmanager
 def default_dtype(dtype):
     torch.set_default_dtype(dtype)
@@ -50,7 +47,7 @@ STATES = {
 
 
 @pytest.fixture(scope="module")
-def figure(small_canvas_of_module):
+def figure():
     rgb = np.random.default_rng(0).uniform(0.05, 0.6, (100, 80, 3)).astype(np.float32)
     mask = np.zeros((100, 80), np.float32)
     mask[8:92, 25:55] = 1

@@ -6,8 +6,6 @@ import shading
 import shadow
 from shadow.directions import from_spherical, olat
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 def test_baseline_is_the_sign_of_the_cosine():
     normals = np.zeros((2, 2, 3), np.float32)

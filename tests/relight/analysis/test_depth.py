@@ -12,8 +12,6 @@ from shadow.framing import Framing
 
 SIZE = (192, 144)
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 def camera(matte, **options):
     return Camera.of(torch.from_numpy(np.float32(matte)), **options)

@@ -11,8 +11,6 @@ from relight.analysis.foreground import Foreground
 
 LEFT = relight.DirectionalLight(azimuth=-60, name="left")
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 def test_a_portrait_crop_is_not_darkened_at_the_frame():
     coverage, _ = ball(250, 170, centre=(0.5, 1.0), radius=0.9)  # cut by three sides of the frame

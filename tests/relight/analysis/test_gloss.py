@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 import torch
-from helpers.damage import small_canvas
 from helpers.standins import ball, image_of
 from scipy.ndimage import distance_transform_edt
 from typer.testing import CliRunner
@@ -23,22 +22,18 @@ LIGHTS = [
 INNER_AND_OUTER = np.s_[45:60], np.s_[100:110]  # columns of the limb's outlines
 BLACK = np.zeros((200, 160, 3), np.float32)
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 @pytest.fixture(scope="module")
 def black():
     """A black ball, whose picture is the reflection alone."""
     coverage, normals = ball(200, 160)
-    with small_canvas():
-        return relight.Subject(image_of(coverage), normals=normals, albedo=BLACK)
+    return relight.Subject(image_of(coverage), normals=normals, albedo=BLACK)
 
 
 @pytest.fixture(scope="module")
 def person():
     coverage, normals = ball(200, 160)
-    with small_canvas():
-        return relight.Subject(image_of(coverage), normals=normals)
+    return relight.Subject(image_of(coverage), normals=normals)
 
 
 def expected(normal, light):
@@ -119,8 +114,7 @@ def limb():
     coverage[20:180, 20:110] = 1
     across[:, 50:110] = np.linspace(-0.95, 0.95, 60)
     normals = np.stack([across, np.zeros_like(across), np.sqrt(1 - across**2)], axis=-1)
-    with small_canvas():
-        return relight.Subject(image_of(coverage), normals=normals, albedo=BLACK)
+    return relight.Subject(image_of(coverage), normals=normals, albedo=BLACK)
 
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(180, 0), (160, 25), (135, 10), (110, 0)])

@@ -101,7 +101,7 @@ def test_it_is_linear_in_the_lights_and_may_be_filtered_and_kept_again(subject, 
 
 
 @pytest.mark.slow
-def test_a_filtered_person_is_kept_as_they_are(tmp_path, small_canvas):
+def test_a_filtered_person_is_kept_as_they_are(tmp_path):
     frames = [relight.Subject(*clothed(seed=seed)) for seed in range(3)]
     steady = frames[1].temporally_filtered([frames[0], frames[2]])
     steady.save(tmp_path / "steady.safetensors")

@@ -73,7 +73,7 @@ def test_a_picture_that_is_not_upright_says_how_to_turn_it(finder, monkeypatch):
         circle = Circle(np.array([50.0, 50.0]), 40.0, np.array([0.0, -1.0]))
         return [DetectedPerson(circle, np.ones((256, 256)), 1.0 if marked else 0.2)]
 
-    monkeypatch.setattr(finder, "_person", upright_if_wide_and_first)
+    monkeypatch.setattr(finder, "look", upright_if_wide_and_first)
     for turns in (1, 2, 3):
         marked = np.zeros((300, 200, 3), np.float32)
         marked[:150, :150] = 1

@@ -23,7 +23,7 @@ def silent(what, share=None):
 
 
 @pytest.fixture
-def photograph(here, monkeypatch, small_canvas):
+def photograph(here, monkeypatch):
     """Somebody in the middle of a photograph of 240 x 160 pixels, whose reduced copy is half as large."""
     codes = np.zeros((240, 160, 4), np.uint8)
     codes[60:180, 50:110] = (180, 140, 120, 255)

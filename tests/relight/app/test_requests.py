@@ -334,7 +334,7 @@ def test_a_file_that_something_else_removed_is_a_sentence(session):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no such limit")
 @pytest.mark.parametrize("task", ["read", "outline_of", "load_matte", "analyse", "save"])
-def test_a_full_disk_is_a_sentence_in_every_step(tmp_path, small_canvas, task, monkeypatch):
+def test_a_full_disk_is_a_sentence_in_every_step(tmp_path, task, monkeypatch):
     """Files can have no more than 100 bytes, which ends each write as a full disk does."""
     import resource
     import signal

@@ -266,7 +266,6 @@ def test_files_of_one_photograph_are_analysed_once_and_again_when_the_matte_chan
     assert len(analysed) == 4
 
 
-@pytest.mark.usefixtures("small_canvas")
 def test_an_outline_that_is_accepted_again_replaces_the_matte(folder):
     path, _, drawn = folder
     tasks.analyse("me.png", "me-matte.png", drawn, silent)

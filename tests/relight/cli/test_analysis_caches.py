@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import damage
 from typer.testing import CliRunner
 
 import relight
@@ -27,13 +26,12 @@ def kept(tmp_path_factory):
         )
     shutil.copy(folder / "p.7.exr", folder / "p.exr")
     for plate, shot in (("p.exr", "still.relight"), ("p.%d.exr", "shot.relight")):
-        with damage.small_canvas():
-            assert relight.analyse_shot(folder / plate, folder / shot) == {}
+        assert relight.analyse_shot(folder / plate, folder / shot) == {}
     return folder
 
 
 @pytest.fixture(autouse=True)
-def folder(kept, small_canvas, tmp_path, here):
+def folder(kept, tmp_path, here):
     shutil.copytree(kept, tmp_path, dirs_exist_ok=True)
 
 

@@ -26,8 +26,6 @@ LIGHTS = [
 ]
 RESB3 = ["--model", "resb3"]
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 @pytest.fixture
 def photo(tmp_path):

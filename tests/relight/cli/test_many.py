@@ -11,8 +11,6 @@ from relight.cli.commands import app
 
 LAMP = ("--light", "azimuth=10")
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 @pytest.fixture(autouse=True)
 def folder(here):

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 import relight
 from relight.cli.commands import app
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
 LIGHT = ["--light", "azimuth=-40"]
 FOLDER = "[red] jane doe["  # and with what follows, "[/b]", Rich would take it for markup
 COMMANDS = {

@@ -112,7 +112,7 @@ def test_too_little_memory_is_one_line(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_resumed_shot_makes_the_mattes_that_are_missing(small_canvas):
+def test_a_resumed_shot_makes_the_mattes_that_are_missing():
     command = (*SHOT, *LAMP, "--save-matte", "m.%d.png")
     assert run(*command).exit_code == 0
     Path("m.2.png").unlink()

@@ -127,7 +127,7 @@ def test_what_is_no_plate_is_refused(shape, message):
         checked_plate(image, SIZE)
 
 
-def test_apply_fills_the_photograph_that_is_its_own_background(small_canvas):
+def test_apply_fills_the_photograph_that_is_its_own_background():
     coverage = matte()[::4, ::4]
     plate = photograph(matte(58, 162))[::4, ::4]
     light = relight.DirectionalLight(azimuth=-40)

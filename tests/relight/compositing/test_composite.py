@@ -3,7 +3,6 @@ import itertools
 import numpy as np
 import pytest
 import torch
-from helpers import damage
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -22,12 +21,6 @@ LIGHTS = [
     relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, colour=(1, 0.9, 0.8), name="key"),
     relight.DirectionalLight(azimuth=70, intensity=0.5),
 ]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def small_canvas():
-    with damage.small_canvas():
-        yield
 
 
 def person(height=160, width=120):

@@ -32,7 +32,6 @@ def test_the_word_blur_is_the_photograph_out_of_focus():
         relight.Lighting(relight.DirectionalLight(azimuth=10), background_blur=0.5)
 
 
-@pytest.mark.usefixtures("small_canvas")
 def test_a_shot_blurs_what_is_behind_the_person_and_not_the_person(tmp_path, person):
     rgb, mask = person
     key = relight.DirectionalLight(azimuth=-40, name="key")

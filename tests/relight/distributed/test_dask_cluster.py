@@ -81,7 +81,7 @@ def test_workers_that_are_killed_lose_nothing(plates, tmp_path):
 
 
 @pytest.mark.slow
-def test_workers_light_by_a_preset_or_a_scene_as_one_process_does(small_canvas, here):
+def test_workers_light_by_a_preset_or_a_scene_as_one_process_does(here):
     """One worker, with the networks on the same canvas, does both."""
     from distributed import LocalCluster
 

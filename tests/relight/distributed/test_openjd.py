@@ -220,7 +220,7 @@ def run_openjd(*words):
 
 
 @pytest.mark.slow
-def test_a_job_makes_what_one_process_makes(shot, small_canvas):
+def test_a_job_makes_what_one_process_makes(shot):
     """Whole, and task by task in another order."""
     where = [word for output in OUTPUTS for word in ("-o", f"one/{output}")]
     Path("one").mkdir()
@@ -253,7 +253,7 @@ def test_a_job_makes_what_one_process_makes(shot, small_canvas):
     [(["--preset", "rim"], []), (SCENE, ["--field-of-view", 30])],
     ids=["preset", "scene"],
 )
-def test_a_job_lights_by_a_preset_or_a_scene_as_the_commands_do(shot, small_canvas, lights, lens):
+def test_a_job_lights_by_a_preset_or_a_scene_as_the_commands_do(shot, lights, lens):
     shots.write_scene(Path("scene.gltf"), field_of_view=30)
     Path("one").mkdir()
     Path("farm").mkdir()

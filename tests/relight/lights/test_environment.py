@@ -121,7 +121,7 @@ def test_rotation_turns_the_world_as_azimuth_does():
     np.testing.assert_allclose(middle / np.linalg.norm(middle), expected, atol=1e-3)
 
 
-def test_half_a_turn_swaps_the_rims(small_canvas, person):
+def test_half_a_turn_swaps_the_rims(person):
     rgb, mask = person
     side = np.clip((np.mgrid[:200, :160][1] - 80) / 55, -0.95, 0.95)
     normals = np.stack([side, 0 * side, np.sqrt(1 - side**2)], axis=-1).astype(np.float32)

@@ -180,7 +180,7 @@ def test_a_light_in_or_at_the_person_is_refused(sphere):
         ("lamp:position=0/0/-0.2", "is inside the person"),
     ],
 )
-def test_the_command_refuses_in_one_line_and_writes_nothing(small_canvas, tmp_path, light, words):
+def test_the_command_refuses_in_one_line_and_writes_nothing(tmp_path, light, words):
     coverage, _ = ball(200, 160)
     relight.write(tmp_path / "in.exr", image_of(coverage))
     outputs = ["-o", str(tmp_path / "out.png"), "--save-lights", str(tmp_path / "out.yaml")]
@@ -209,7 +209,7 @@ def test_an_orbit_carries_a_lamp_around_the_vertical():
     np.testing.assert_allclose(lamp.at(3).position, (0, 0.5, -1), atol=1e-9)
 
 
-def test_the_frames_of_a_shot_share_one_room(small_canvas, tmp_path):
+def test_the_frames_of_a_shot_share_one_room(tmp_path):
     """The room is that of the source's first frame, whichever part of the shot is made."""
     mattes = [ball(120, 90, radius=radius)[0] for radius in (0.2, 0.4)]
     for number, coverage in enumerate(mattes, 1):

@@ -18,7 +18,7 @@ from relight.media import colour
 from relight.pipeline.options import Source
 from relight.pipeline.shot import Shot
 
-pytestmark = [NEEDS_PYMATTING, pytest.mark.usefixtures("small_canvas")]
+pytestmark = NEEDS_PYMATTING
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30)
 
 

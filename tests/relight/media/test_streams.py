@@ -76,7 +76,7 @@ def test_a_path_in_place_of_a_picture_is_named_for_what_it_is(tmp_path):
         relight.Subject(np.zeros((8, 8, 3), np.float32), "m.png")
 
 
-def test_read_only_arrays_are_taken_without_a_word(small_canvas):
+def test_read_only_arrays_are_taken_without_a_word():
     image = np.full((64, 48, 4), 0.3, np.float32)
     image[:4], image[..., 3] = 0, 0
     image[8:56, 12:36, 3] = 1

@@ -8,8 +8,6 @@ import relight
 RED = relight.DirectionalLight(azimuth=-40, intensity=0.5, colour=(1, 0.4, 0.2), name="red")
 BEHIND = np.full((200, 160, 3), 0.3, np.float32)
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 def behind(tmp_path, person, share, name="a.exr"):
     rgb, mask = person

@@ -8,7 +8,6 @@ import av
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers.damage import small_canvas
 from helpers.foreign_files import disc, ramp
 from helpers.stored import store
 from safetensors import safe_open
@@ -114,7 +113,7 @@ def test_a_picture_of_another_size_has_square_pixels(stub, tmp_path):
 
 def test_an_analysis_cache_knows_the_shape_of_pixels(tmp_path):
     plate(tmp_path / "a.exr", PixelAspectRatio=2.0)
-    with small_canvas(), pytest.warns(UserWarning, match="square pixels"):
+    with pytest.warns(UserWarning, match="square pixels"):
         relight.analyse_shot(str(tmp_path / "a.exr"), tmp_path / "a.relight")
     relight.render_shot(str(tmp_path / "a.relight"), KEY, tmp_path / "b.exr")
     spec = spec_of(tmp_path / "b.exr")
@@ -311,16 +310,14 @@ def header_of(path):
 
 
 def analysed(source, folder):
-    with small_canvas():
-        assert relight.analyse_shot(str(source), folder) == {}
+    assert relight.analyse_shot(str(source), folder) == {}
     return str(folder)
 
 
 def test_an_exr_relit_from_a_cache_has_the_header_of_its_plate(tmp_path):
     shot_on_set(tmp_path / "a.exr")
     cache = analysed(tmp_path / "a.exr", tmp_path / "a.relight")
-    with small_canvas():
-        relight.render_shot(str(tmp_path / "a.exr"), KEY, tmp_path / "direct.exr")
+    relight.render_shot(str(tmp_path / "a.exr"), KEY, tmp_path / "direct.exr")
     (tmp_path / "a.exr").unlink()
     with pytest.warns(UserWarning, match=r"a\.exr is not there to compare with"):
         relight.render_shot(cache, KEY, tmp_path / "kept.exr")

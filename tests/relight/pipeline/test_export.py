@@ -14,8 +14,6 @@ pytest.importorskip("trimesh")
 
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 @pytest.fixture
 def person(tmp_path, here):

@@ -8,8 +8,6 @@ import relight
 LIGHT = relight.DirectionalLight(azimuth=-80, name="key")
 BEHIND = np.random.default_rng(0).uniform(0.2, 0.6, (50, 70, 3)).astype(np.float32)
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 def rendered(tmp_path, person, name="a.exr", **lighting):
     rgb, mask = person

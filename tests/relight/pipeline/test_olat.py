@@ -6,7 +6,6 @@ import relight
 from relight.pipeline.olat import olat_lights, write_olat
 from shadow import directions
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
 IMAGE = np.zeros((40, 30, 4), np.float32)
 IMAGE[5:35, 5:25] = (0.4, 0.3, 0.2, 1)
 

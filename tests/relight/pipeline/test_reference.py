@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 from helpers import shots
-from helpers.damage import small_canvas
 from helpers.rising import STILL
 from helpers.standins import HEIGHT, WIDTH, somebody
 
@@ -58,8 +57,7 @@ def test_a_frame_has_another_hash_with_another_reference(entering):
 
 @pytest.mark.slow
 def test_an_analysis_keeps_it(entering, tmp_path):
-    with small_canvas():
-        shots.analyse(entering, tmp_path / "s.relight", frames="8-9", temporal_filter=False)
+    shots.analyse(entering, tmp_path / "s.relight", frames="8-9", temporal_filter=False)
     assert Shot(tmp_path / "s.relight").reference == 9
     frame_file(tmp_path / "s.relight", 9).unlink()
     assert Shot(tmp_path / "s.relight").reference is None

@@ -18,8 +18,6 @@ from relight.media.movies import Movie
 COMMAND = [sys.executable, "-m", "relight.cli", "apply"]
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 @pytest.fixture(scope="module")
 def codes():

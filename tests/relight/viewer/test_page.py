@@ -6,7 +6,6 @@ import zlib
 
 import numpy as np
 import pytest
-from helpers import damage
 from typer.testing import CliRunner
 
 import relight
@@ -16,16 +15,13 @@ from relight.viewer.initial_state import scene_of
 from relight.viewer.packing import pack
 from relight.viewer.page import module, page
 
-pytestmark = pytest.mark.usefixtures("small_canvas")
-
 
 @pytest.fixture(scope="module")
 def subject():
     rgb = np.random.default_rng(0).uniform(0.05, 0.6, (160, 120, 3)).astype(np.float32)
     mask = np.zeros((160, 120), np.float32)
     mask[20:140, 40:80] = 1
-    with damage.small_canvas():
-        return relight.Subject(rgb, mask)
+    return relight.Subject(rgb, mask)
 
 
 def test_a_page_holds_all_that_it_needs(subject, tmp_path):
