@@ -8,6 +8,8 @@ import relight
 from relight.analysis.old_light import OldLight
 from shadow.data.records import Records
 
+pytestmark = pytest.mark.usefixtures("full_canvas")
+
 
 @pytest.fixture
 def benchmark(benchmark_module):

@@ -68,6 +68,7 @@ def test_a_sliver_is_refused(size):
         relight.Subject(np.full((*size, 3), 0.3, np.float32), np.ones(size, np.float32))
 
 
+@pytest.mark.usefixtures("full_canvas")
 def test_a_line_and_two_far_pixels_give_a_picture():
     line, pair = np.zeros((2, 200, 200), np.float32)
     line[20:180, 100], pair[0, 0], pair[-1, -1] = 1, 1, 1

@@ -9,6 +9,8 @@ import relight
 from relight.scene.nuke import callback
 from shadow.networks.field import KAPPA
 
+pytestmark = pytest.mark.usefixtures("full_canvas")
+
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
 RIM = relight.DirectionalLight(
     azimuth=150, elevation=20, colour=(0.4, 0.6, 1), intensity=1.5, exposure=1, angle=20, name="rim"
