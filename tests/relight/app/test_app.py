@@ -112,6 +112,7 @@ def notice(page):
     return page.locator(".notice span").inner_text()
 
 
+@pytest.mark.usefixtures("full_canvas")  # as the application has it
 def test_from_a_photograph_to_the_files_that_the_copied_command_makes(page, photo, tmp_path, here):
     lit(page, photo)
     page.locator("[data-preset=stage]").click()
