@@ -14,6 +14,8 @@ from relight.media.colour import encode
 from relight.media.sequences import FrameSequence, SequenceReader, Still
 from shadow.data.records import Records
 
+pytestmark = pytest.mark.usefixtures("full_canvas")
+
 PERSON = ROOT / "examples" / "person.png"
 
 

@@ -12,6 +12,8 @@ from relight.cli.commands import app
 from relight.light_painting import LightPainter, read_strokes
 from relight.media.colour import luminance
 
+pytestmark = pytest.mark.usefixtures("full_canvas")
+
 PERSON = ROOT / "examples" / "person.png"
 KEY = relight.DirectionalLight(azimuth=0, elevation=10, intensity=0.8, name="key")
 SCENES = (

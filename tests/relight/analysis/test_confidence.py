@@ -6,6 +6,8 @@ from helpers import shipped
 import relight
 from relight.analysis import confidence
 
+pytestmark = pytest.mark.usefixtures("full_canvas")
+
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
 
 

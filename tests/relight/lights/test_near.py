@@ -9,6 +9,8 @@ import relight
 from relight.analysis.camera import Camera
 from relight.cli.commands import app
 
+pytestmark = pytest.mark.usefixtures("full_canvas")
+
 LAMP = relight.PointLight((-0.6, 0.4, 1.2), radius=0.1, name="lamp")
 BOX = relight.RectLight((0, 1.5, 1.0), (0, 0, 0), 1.0, 0.5, intensity=2, name="box")
 

@@ -13,6 +13,7 @@ from relight.scene.lights import read_lights
 
 pytest.importorskip("pxr")
 trimesh = pytest.importorskip("trimesh")
+pytestmark = pytest.mark.usefixtures("full_canvas")
 
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
 LAMP = relight.PointLight((0.8, 0.4, 0.9), intensity=0.5, name="lamp")
