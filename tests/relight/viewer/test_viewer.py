@@ -81,7 +81,7 @@ def test_the_page_relights_as_python_does(name, count, browser, tmp_path):
     print(f"{name}: RMSE {rmse:.4f}, largest {largest:.3f}")
     assert rmse <= RMSE
     assert largest <= LARGEST
-    ten = [*lights * 4][:10]  # more than the page has slots
+    ten = (lights * 4)[:10]  # more than the page has slots
     both = browsing.rendered(page, [list(map(parameters_of, ten))])[0]
     assert compare(both, subject.relit(ten))[0] <= RMSE
     assert not page.complaints

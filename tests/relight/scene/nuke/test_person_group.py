@@ -15,7 +15,7 @@ KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
 RIM = relight.DirectionalLight(
     azimuth=150, elevation=20, colour=(0.4, 0.6, 1), intensity=1.5, exposure=1, angle=20, name="rim"
 )
-DIRECTIONS = 4  # of each person
+FEW_OR_MANY = [4, pytest.param(12, marks=pytest.mark.slow)]  # directions of each person
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +36,14 @@ def difference(picture, subject, lights, gloss=0.0, amount=1.0):
     return float(np.sqrt(((picture - subject.relit(lights, gloss, amount))[inside][:, :3] ** 2).mean()))
 
 
-def test_the_group_is_what_relit_gives(subjects, tmp_path):
-    """For 12 directions, all around, set by the callback; beside it the script as it was written."""
+@pytest.mark.parametrize("directions", FEW_OR_MANY)
+def test_the_group_is_what_relit_gives(subjects, tmp_path, directions):
+    """For directions all around, set by the callback; beside it the script as it was written."""
     rng, errors = np.random.default_rng(0), []
     for subject in subjects:
         _, group, player = exported(subject, tmp_path, KEY)
         assert difference(player.rgba(group), subject, KEY) <= 0.01
-        for _ in range(DIRECTIONS):
+        for _ in range(directions):
             light = relight.DirectionalLight(rng.normal(size=3))
             group.knobs |= {"light1_azimuth": repr(light.azimuth), "light1_elevation": repr(light.elevation)}
             NukeModule(group).run()
@@ -74,12 +75,13 @@ def test_four_lights_with_colour_exposure_and_softness(subjects, tmp_path):
     assert difference(player.rgba(group), subject, hard) <= 0.005 < difference(before, subject, hard)
 
 
-def test_the_gloss_is_that_of_relit(subjects, tmp_path):
+@pytest.mark.parametrize("directions", FEW_OR_MANY)
+def test_the_gloss_is_that_of_relit(subjects, tmp_path, directions):
     """Of lights behind, where it is strongest; the knob alone changes it."""
     rng, errors, added = np.random.default_rng(1), [], []
     for subject in subjects:
         _, group, player = exported(subject, tmp_path, KEY, gloss=1)
-        for _ in range(DIRECTIONS // 2):
+        for _ in range(directions // 2):
             light = relight.DirectionalLight(azimuth=180 + rng.uniform(-60, 60), elevation=rng.uniform(0, 60))
             group.knobs |= {"light1_azimuth": repr(light.azimuth), "light1_elevation": repr(light.elevation)}
             NukeModule(group).run()
