@@ -1,10 +1,7 @@
 """Light estimated from pictures: from a photograph of a person, or from a background."""
 
-import re
 import warnings
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -14,13 +11,11 @@ from relight.analysis.light_solver import LightSolver
 from relight.arguments import checks_arguments
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
-from relight.lights.light import Light
-from relight.lights.moving import MovingLight
 from relight.lights.plate import few_rows, opaque, whole_field_of_view
 from relight.lights.rig import FewLights
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies
-from relight.media.sequences import FrameSequence, Reader
+from relight.media.sequences import Reader
 from relight.subject import Subject
 from shadow import inputs
 from shadow.files import AnyPath, is_path
@@ -168,83 +163,34 @@ def lights_on(person: Subject, photograph: inputs.Array) -> list[DirectionalLigh
     ]
 
 
-@dataclass(frozen=True)
-class Matching:
-    """Which lights of a shot are estimated from pictures.
+def read_reference(
+    reference: inputs.Array | AnyPath,
+    mask: inputs.Array | AnyPath | None,
+    matting: MattingOptions | None = None,
+) -> tuple[inputs.Array, inputs.Array | None]:
+    """Read and check the photograph of another person and their matte, images or files.
 
-    Raises ValueError for a mask without a reference, a movie or a sequence.
+    `matting`: how the matte is inferred if there is none. Raises ValueError if there then is none, or it is
+    empty.
     """
-
-    # Whether the background lights the person, by a light named "plate", see `EnvironmentLight.from_plate`.
-    plate: bool = False
-    reference: inputs.Array | AnyPath | None = (
-        None  # image or file of another person, whose lights are estimated, see `relight.match`
-    )
-    mask: inputs.Array | AnyPath | None = None  # that person's matte, as a mask or a file
-
-    def __post_init__(self) -> None:
-        if self.reference is None and self.mask is not None:
-            raise ValueError("match_mask: expected a reference as well (match=FILE), whose matte it is")
-        for path in (self.reference, self.mask):
-            if is_path(path) and (movies.is_movie(path) or FrameSequence.of(path) is not None):
-                raise ValueError(f"match: expected one picture's file, got {path}")
-
-    def sidecar_path(self, path: Path | None) -> Path | None:
-        """Return the path of the image of the background's light, beside a lights file.
-
-        None without either.
-        """
-        return path.with_name(f"{path.stem}.{PLATE}.exr") if path is not None and self.plate else None
-
-    def with_sidecar(self, path: Path, lights: Iterable[Light | MovingLight]) -> list[Light | MovingLight]:
-        """Return the lights for a lights file, after writing the background's light to an image beside it."""
-        sidecar = self.sidecar_path(path)
-        found: list[Light | MovingLight] = []
-        for light in lights:
-            if sidecar is not None and isinstance(light, EnvironmentLight) and light.name == PLATE:
-                images.write(sidecar, light.image.pixels)
-                light = EnvironmentLight(sidecar, name=PLATE)
-            found.append(light)
-        return found
-
-    def check_names(self, lights: Iterable[Light]) -> None:
-        """Raise ValueError if a light has the name of a light that is estimated."""
-        for name in (light.name for light in lights if light.name is not None):
-            taken = self.plate and name == PLATE
-            if taken or (self.reference is not None and re.fullmatch(rf"{MATCH_PREFIX}\d+", name)):
-                raise ValueError(
-                    f"lights: {name!r} is the name of a matched light; give the light another name"
-                )
-
-    def reference_person(
-        self, matting: MattingOptions | None = None
-    ) -> tuple[inputs.Array, inputs.Array | None] | None:
-        """Read and check the reference and its matte; None without a reference.
-
-        The matte of a reference that has none is inferred as that of the source, by `matting`. ValueError:
-        there is no matte, or it is empty.
-        """
-        if self.reference is None:
-            return None
-        reference, mask = self.reference, self.mask
-        if is_path(reference):
-            reference = images.read(reference)
-        if is_path(mask):
-            mask = images.read_mask(mask)
-        try:
-            pixels = linear_plate(reference)
-            alone = mask is None and (pixels.shape[-1] == 3 or pixels[..., 3].min() == 1)
-            if alone and matting is not None and matting.model is not None:
-                there = replace(matting, person=None)  # which is the person of the plate
-                return SequenceMatting(there, lambda number: reference, None).matte(0)
-            if alone:
-                raise ValueError(
-                    "the reference has no matte; expected one with alpha, or its matte (match_mask=FILE)"
-                )
-            plate_coverage(pixels, mask)
-        except ValueError as error:
-            raise ValueError(f"match: {error}") from error
-        return reference, mask
+    if is_path(reference):
+        reference = images.read(reference)
+    if is_path(mask):
+        mask = images.read_mask(mask)
+    try:
+        pixels = linear_plate(reference)
+        alone = mask is None and (pixels.shape[-1] == 3 or pixels[..., 3].min() == 1)
+        if alone and matting is not None and matting.model is not None:
+            there = replace(matting, person=None)  # which is the person of the plate
+            return SequenceMatting(there, lambda number: reference, None).matte(0)
+        if alone:
+            raise ValueError(
+                "the reference has no matte; expected one with alpha, or its matte (match_mask=FILE)"
+            )
+        plate_coverage(pixels, mask)
+    except ValueError as error:
+        raise ValueError(f"match: {error}") from error
+    return reference, mask
 
 
 class PlateLight:

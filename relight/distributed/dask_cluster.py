@@ -113,7 +113,7 @@ def render_distributed(
     stated = shot.stated_source
     chosen = cast(Literal["bfloat16", "float32"] | None, precision or compute.precision)
     compute = replace(compute, precision=chosen)
-    lighting = lighting.with_lights(shot.every_light)
+    lighting = lighting.with_lights(shot.lights.given)
     report = progress or (lambda done, total, what: None)
     # With no frames to make, this refuses what can be refused.
     in_chunks = replace(output, report=None)

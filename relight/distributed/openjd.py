@@ -111,8 +111,8 @@ def write_job(
     missing = [] if shot.is_still else sorted(set(numbers).difference(shot.numbers))
     if missing:
         warnings.warn(f"{shot.source.plate}: frames {FrameRange(missing)} are not there yet", stacklevel=2)
-    if given is None and shot.every_light:  # a preset's lights follow from the person
-        write_lights(lights_path, shot.every_light)
+    if given is None and shot.lights.given:  # a preset's lights follow from the person
+        write_lights(lights_path, shot.lights.given)
         lighting = lighting.with_lights(lights_path)
     job, plate = _Job(path, numbers, chunk, compute), shot.source.plate
     cache = Path(str(plate) if shot.is_analysed else analysis or _analysis_beside(path, plate))

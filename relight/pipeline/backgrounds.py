@@ -1,6 +1,6 @@
 """What is behind the person of a shot, and its light: a picture, the plate, an environment, or nothing."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -9,7 +9,6 @@ import numpy as np
 from relight.compositing.composite import Background
 from relight.light_estimation import FILL, PlateLight
 from relight.lights.environment import EnvironmentLight, environments
-from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.rig import scaled
 from relight.pipeline import preview
@@ -17,6 +16,7 @@ from relight.pipeline.frame import FrameReader
 from relight.pipeline.option_fields import BACKGROUND
 from relight.pipeline.options import Lighting
 from relight.pipeline.readers import Reader, ReadLog, holds_display_light, person_reader, plate_reader
+from relight.pipeline.shot_lights import ShotLights
 from relight.quantities import ENVIRONMENT, NONE, PLATE
 from relight.subject import Subject
 
@@ -31,12 +31,15 @@ def background_reader(lighting: Lighting) -> Reader:
 class Backgrounds:
     """The backgrounds of a shot's frames, and the light of those that light the person.
 
-    `frames` reads the persons, `others` the backgrounds that are other pictures than the plate, through the
-    same log.
+    `lights`: the others of the shot. `frames` reads the persons, `others` the backgrounds that are other
+    pictures than the plate, through the same log.
     """
 
-    def __init__(self, lighting: Lighting, frames: FrameReader, others: Reader, log: ReadLog) -> None:
-        self._lighting, self._frames, self._others, self._log = lighting, frames, others, log
+    def __init__(
+        self, lighting: Lighting, lights: ShotLights, frames: FrameReader, others: Reader, log: ReadLog
+    ) -> None:
+        self._lighting, self._lights, self._frames = lighting, lights, frames
+        self._others, self._log = others, log
 
     @cached_property
     def _plates(self) -> Reader:
@@ -98,23 +101,24 @@ class Backgrounds:
 
     # One frame
 
-    def behind(
-        self, number: int, person: Subject, lights: Iterable[Light], keeps_plate: bool
-    ) -> Background | None:
-        """See `Shot.behind`. `lights`: of the frame, among them the environments that a camera sees."""
+    def behind(self, number: int, person: Subject, keeps_plate: bool) -> Background | None:
+        """Return what is behind the person of a frame: the plate without them, if that is their background.
+
+        `keeps_plate`: it is the plate because there is no other, see the property.
+        """
         if keeps_plate:
             plate = self._log.read(self._plates, number)
             return person.clean_plate(preview.halved(plate) if self._frames.is_preview else plate)
-        background = self.seen(number, person.size, lights)
+        background = self.seen(number, person.size)
         if isinstance(background, np.ndarray) and self._is_plate(background, number, person.size):
             return person.clean_plate(background)
         return background
 
-    def seen(self, number: int, size: tuple[int, int], lights: Iterable[Light]) -> Background | None:
+    def seen(self, number: int, size: tuple[int, int]) -> Background | None:
         """Return the background of a frame whose picture has a `size` (H, W)."""
         field_of_view = self._frames.field_of_view
         if self._lighting.background_is(ENVIRONMENT):
-            skies = environments(lights)
+            skies = environments(self._lights.at(number))
             return np.sum([sky.view(size, field_of_view) for sky in skies], axis=0)
         background = self._log.read(self._reader, number)
         background = background.at(number) if isinstance(background, MovingLight) else background
@@ -130,7 +134,7 @@ class Backgrounds:
             return True
         if background.shape[:2] != size:
             return False
-        file, number = self._reader.file(number), self._frames.source_frame(number)
+        file, number = self._reader.file(number), 0 if self._frames.is_still else number
         if file is not None:
             return file.resolve() in self._frames.plate_files(number)
         plate = None if self._frames.cache else self._log.read(self._frames.plates, number)
@@ -162,16 +166,19 @@ class Backgrounds:
 
     # Checks
 
-    def check(self) -> None:
+    def check_plate(self) -> None:
         """Raise ValueError if the plate is to be the background, and there is none."""
         why = self._why_without_plate() if self._lighting.background_is(PLATE) else None
         if why is not None:
             raise ValueError(f"background: the photograph cannot stay behind the person, as {why}")
 
-    def check_lights(self, lights: Iterable[Light]) -> None:
-        """Raise ValueError if a background of environments lacks one, or one that is to shine is no image."""
+    def check_lights(self, number: int) -> None:
+        """Raise ValueError if a background of environments lacks one, or one that is to shine is no image.
+
+        `number`: of the frame whose lights are looked at.
+        """
         lighting = self._lighting
-        if lighting.background_is(ENVIRONMENT) and not environments(lights):
+        if lighting.background_is(ENVIRONMENT) and not environments(self._lights.at(number)):
             raise ValueError("background: 'environment' expected an environment among the lights")
         option = "fill" if lighting.fill else "match_plate" if lighting.match_plate else None
         if option is not None:

@@ -98,7 +98,7 @@ class Exporting(Job[Path]):
     def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Refuse lights and frames that the file cannot hold, and files that are read."""
         person_group.check_amount(self._path, shot.lighting.amount)
-        self._knobs(shot.all_lights())
+        self._knobs(shot.lights.stated())
         shot.check_not_read([self._path, *writing.companions(self._path, self._texture)])
         numbers = self._numbers(shot, frames)
         shot.check_lights(numbers[0])
@@ -109,7 +109,7 @@ class Exporting(Job[Path]):
         path, rate = self._path, float(shot.rate or RATE)
         self.step = "Analysing" if len(numbers) == 1 else "Frames"
         report(0, len(numbers), self.step)
-        self._lights, self._gloss = shot.all_lights(shot.preset_gain), shot.lighting.effective_gloss
+        self._lights, self._gloss = shot.lights.exposed(), shot.lighting.effective_gloss
         self._amount = shot.lighting.amount
         if len(numbers) == 1:
             return
@@ -124,7 +124,7 @@ class Exporting(Job[Path]):
     def frame(self, shot: Shot, number: int) -> None:
         """Write one frame of several; the only one is written at the end."""
         if self._add is None:
-            self._subject = shot.subject(number)
+            self._subject = shot.persons.shown(number)
         else:
             self._add(number, shot.person(number))
 

@@ -271,10 +271,6 @@ class FrameReader:
         """The frames that there are; (0,) for a still."""
         return next((shown for reader in self.readers if (shown := self._shown(reader))), (0,))
 
-    def source_frame(self, number: int) -> int:
-        """Return the frame whose person is shown at a number: 0 for a still."""
-        return 0 if self.is_still else number
-
     def _shown(self, reader: Reader) -> Sequence[int] | None:
         """Return the numbers of a reader's frames that the shot has; None for a still."""
         return reader.numbers and reader.numbers[:: preview.EVERY if self.is_preview else 1]

@@ -56,7 +56,7 @@ def _frame_of_still(shot: Shot, output: Output) -> int:
 
 
 def _moving(shot: Shot) -> list[MovingLight]:
-    return [light for light in shot.every_light if isinstance(light, MovingLight)]
+    return [light for light in shot.lights.given if isinstance(light, MovingLight)]
 
 
 def frame_range(shot: Shot, frames: GivenFrames) -> FrameRange:

@@ -120,7 +120,7 @@ class SeparateLights(Job[list[Path]]):
         """Analyse the person."""
         self._delivery, exr = Delivery(shot), ExrForm(depth="half", autocrop=False)
         self._sink = FileSink(self._files, resume=False, display=Display(), exr=exr, delivery=self._delivery)
-        self._subject, self._plate = shot.subject(self._frame), self._delivery.metadata(self._frame)
+        self._subject, self._plate = shot.persons.shown(self._frame), self._delivery.metadata(self._frame)
         self._made = shot.content_hash(self._frame, as_read=True)
 
     def frame(self, shot: Shot, number: int) -> None:

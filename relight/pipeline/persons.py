@@ -21,26 +21,52 @@ from shadow import inputs
 class Persons:
     """The persons of a shot, filtered in time; the last few are kept, to filter the next ones.
 
-    `numbers`: the frames that there are. `analyse` returns the person of one frame; its OSError or ValueError
-    is raised again for that frame alone. `radius`: number of frames before and after, with which a frame is
-    filtered; 0 leaves all as they are. `is_cut` says of two frames that were analysed whether a cut is
-    between them, across which nothing is averaged.
+    `numbers`: the frames that there are; None for a still, whose person is shown at any number. `analyse`
+    returns the person of one frame; its OSError or ValueError is raised again for that frame alone. `radius`:
+    number of frames before and after, with which a frame is filtered; 0 leaves all as they are; None: so does
+    an analysis cache, of which any frame is at hand. `is_cut` says of two frames that were analysed whether a
+    cut is between them, across which nothing is averaged. `reference` returns the reference frame, if any.
     """
 
     def __init__(
         self,
-        numbers: Sequence[int],
+        numbers: Sequence[int] | None,
         analyse: Callable[[int], Subject],
-        radius: int,
+        radius: int | None,
         is_cut: Callable[[int, int], bool] = lambda before, after: False,
+        reference: Callable[[], int | None] = lambda: None,
     ) -> None:
-        self._numbers, self._analyse, self._radius, self._is_cut = numbers, analyse, radius, is_cut
+        self.is_still, self.numbers = numbers is None, (0,) if numbers is None else numbers
+        self._analyse, self._radius, self._is_cut, self._reference = analyse, radius, is_cut, reference
         self._analysed: dict[int, Subject | Exception] = {}
+
+    @property
+    def reference(self) -> int | None:
+        """The reference frame, see `relight.pipeline.reference`; None for a still, or without a person."""
+        return self._reference()
+
+    def source_frame(self, number: int) -> int:
+        """Return the frame whose person is shown at a number: 0 for a still."""
+        return 0 if self.is_still else number
 
     def around(self, number: int) -> list[int]:
         """Return the frames that contribute to a frame: itself, and its neighbours in the temporal filter."""
-        near = range(number - self._radius, number + self._radius + 1)
-        return [n for n in near if n == number or n in self._numbers]
+        number, radius = self.source_frame(number), self._radius or 0
+        near = range(number - radius, number + radius + 1)
+        return [n for n in near if n == number or n in self.numbers]
+
+    def near(self, number: int, distance: int) -> list[int]:
+        """Return the frames up to a distance from one whose persons are at hand when it is made."""
+        there = self.numbers if self._radius is None else self.around(number)
+        return [each for each in there if abs(each - self.source_frame(number)) <= distance]
+
+    def first_found(self, preferred: int | None = None) -> int:
+        """Return the first frame that shows a person, `preferred` before all; the first of all if none does.
+
+        Raises as `analyse` does.
+        """
+        numbers = [*([] if preferred is None else [preferred]), *self.numbers]
+        return next((each for each in numbers if not self.analysed(each).is_empty), numbers[0])
 
     def at(self, number: int) -> Subject:
         """Return the person of a frame, filtered. Raises as `analyse` does."""
@@ -48,7 +74,7 @@ class Persons:
 
     def filtered(self, number: int) -> tuple[Subject, list[int]]:
         """Return the person of a frame, and the frames with which they were filtered. Raises as `analyse`."""
-        around = self.around(number)
+        number, around = self.source_frame(number), self.around(number)
         self._analysed = {n: result for n, result in self._analysed.items() if n in around}
         results = {n: self._result(n) for n in around}
         person = self.analysed(number)
@@ -63,15 +89,18 @@ class Persons:
 
     def analysed(self, number: int) -> Subject:
         """Return the person of a frame, not filtered. Raises as `analyse` does."""
-        result = self._result(number)
+        result = self._result(self.source_frame(number))
         if isinstance(result, Exception):
             raise result
         return result
 
-    def if_analysed(self, number: int) -> Subject | None:
-        """Return the person of a frame, not filtered, if it is analysed already."""
-        result = self._analysed.get(number)
-        return None if isinstance(result, Exception) else result
+    def shown(self, number: int, *, filtered: bool = True) -> Subject:
+        """Return the person of a frame; raises ValueError if the frame shows no person."""
+        person = self.at(number) if filtered else self.analysed(number)
+        if person.is_empty:
+            shown = f"frame {self.source_frame(number)}: shows no person"
+            raise ValueError(f"{shown}; choose another (frame=NUMBER)")
+        return person
 
     def _result(self, number: int) -> Subject | Exception:
         if number not in self._analysed:
@@ -139,11 +168,6 @@ class FrameAnalyser:
         if first is not None or self._frames.is_still:
             matte = self._coverage(number if first is None else first)
             floor.check(matte)
-
-    def size(self, number: int) -> tuple[int, int]:
-        """Return the size (H, W) of a frame's picture, in pixels."""
-        height, width = self._frame_to_analyse(number).plate.shape[:2]
-        return height, width
 
     def __call__(self, number: int) -> Subject:
         """Return the person of a frame. Raises the errors of reading and of `relight.Subject`."""

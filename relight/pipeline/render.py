@@ -1,6 +1,5 @@
 """Renders a shot from files to files: a still, a sequence or a movie. A still is a shot of one frame."""
 
-import warnings
 from typing import get_args
 
 from relight.arguments import checks_arguments
@@ -134,16 +133,17 @@ class Relighting(Job[Problems]):
         numbers = frames_for(shot, output, frames)
         self._display = outputs.check_display(output, moving=self.collects_errors)
         self._start = start(shot, numbers)
-        shot.check_background()
-        shot.check_form(output)
+        shot.backgrounds.check_plate()
+        outputs.check_form(output, shot.picture_size, shot.frames.plates)
         self._keeps_plate = outputs.shows_backgrounds(output) and shot.keeps_plate
+        self._made_with = output.passes, self._keeps_plate  # beside what the shot reads
         outputs.check_alpha(output, transparent=not (shot.lighting.has_background or self._keeps_plate))
         shot.check_lights(self._start)
         return numbers
 
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
         """Open the outputs, and find out which frames exist already."""
-        groups = shot.light_groups(self._start)
+        groups = shot.lights.groups(self._start)
         self._delivery = Delivery(shot, self._output.rate, outputs.form_of(self._output))
         self._sinks = open_sinks(
             self._output, self._display, moving=self.collects_errors, resume=self._resume, phase=self._phase,
@@ -152,25 +152,25 @@ class Relighting(Job[Problems]):
         shot.check_floor(self._start)
         if self._resume or self._phase == "finalize":
             for done, number in enumerate(numbers, 1):
-                self._hashes[number] = self._content_hash(shot, number)
+                self._hashes[number] = shot.content_hash(number, *self._made_with)
                 report(done, len(numbers), "Checking")
         self._sinks.begin(self._hashes)
         if self._resume:
-            self._warn_of_replaced()
+            self._sinks.warn_of_replaced(self._hashes)
 
     def frame(self, shot: Shot, number: int) -> None:
         """Write the frame, and what is written of its person, where it is lacking.
 
         Raises OSError or ValueError.
         """
-        sinks, made = self._sinks, self._hashes.get(number) or self._content_hash(shot, number)
+        sinks, made = self._sinks, self._hashes.get(number) or shot.content_hash(number, *self._made_with)
         lacking = [sink for sink in sinks.frames if not sink.has(number, made)]
         if lacking and self._phase == "finalize":
             state = "made with other lights, sources or options" if lacking[0].exists(number) else "not there"
             raise ValueError(f"{lacking[0].path}: the frame is {state}")
         if lacking or not all(sink.has(number, made) for sink in sinks.of_persons):
             person = shot.found_person(number)
-            made = self._content_hash(shot, number, as_read=True)
+            made = shot.content_hash(number, *self._made_with, as_read=True)
             if lacking:
                 self._write_picture(shot, number, person.subject, lacking, made)
             for sink in sinks.of_persons:
@@ -188,26 +188,14 @@ class Relighting(Job[Problems]):
             shot.write_lights(self._output.save_lights, self._start)
         return problems
 
-    def _warn_of_replaced(self) -> None:
-        sinks, hashes = self._sinks.frames, self._hashes
-        others = sum(any(s.exists(n) and not s.has(n, made) for s in sinks) for n, made in hashes.items())
-        if others:
-            warnings.warn(
-                f"resume: {others} of {len(hashes)} frames were made with other lights, sources, options, "
-                "weights or by another version, and are made again",
-                stacklevel=5,
-            )
-
-    def _content_hash(self, shot: Shot, number: int, as_read: bool = False) -> str:
-        """Return a hash of all from which a frame is made. `as_read`: see `Shot.content_hash`."""
-        return shot.content_hash(number, self._output.passes, self._keeps_plate, as_read=as_read)
-
     def _write_picture(
         self, shot: Shot, number: int, person: Subject, sinks: list[FileSink | MovieSink], made: str
     ) -> None:
         """Render the frame, and write it to some of the sinks."""
         output, lighting, kept = self._output, shot.lighting, self._keeps_plate
-        lights, behind, keeps_codes = shot.surroundings(number, person, kept)
+        behind = shot.backgrounds.behind(number, person, kept)
+        shining = shot.backgrounds.lights(number, person.size)
+        lights = [*shot.lights.placed(number), *shining]
         metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
         rendering = render_layers(
             person, lights, passes=output.passes, exr_type=output.exr_type, floor=lighting.floor,
@@ -218,6 +206,6 @@ class Relighting(Job[Problems]):
         back = None
         if behind is not None:
             back = lit_backdrop(person, rendering.cut_out, behind, rendering.shadow, blur, reached)
-        frame = RenderedFrame(rendering, back, kept, keeps_codes)
+        frame = RenderedFrame(rendering, back, kept, shot.backgrounds.keeps_codes(kept))
         for sink in sinks:
             sink.write(number, frame, made, metadata)

@@ -1,6 +1,7 @@
 """Where the frames of a shot go: pictures, movies, scripts, mattes, a report; each complete or not there."""
 
 import contextlib
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,6 +47,16 @@ class Sinks:
         """Prepare for these frames. Files are kept until those that replace them are complete."""
         for movie in self.movies:
             movie.begin(made)
+
+    def warn_of_replaced(self, made: Made) -> None:
+        """Warn of files that are not made of what these frames are made of, and are written again."""
+        others = sum(any(s.exists(n) and not s.has(n, each) for s in self.frames) for n, each in made.items())
+        if others:
+            warnings.warn(
+                f"resume: {others} of {len(made)} frames were made with other lights, sources, options, "
+                "weights or by another version, and are made again",
+                stacklevel=5,
+            )
 
     def assemble(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
         """Write movies and scripts, since all frames are there."""

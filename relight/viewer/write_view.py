@@ -7,6 +7,7 @@ from pathlib import Path
 from relight import quantities
 from relight.arguments import checks_arguments
 from relight.lights.light import Light
+from relight.lights.moving import MovingLight
 from relight.lights.rig import as_lights
 from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline.frame_numbers import shown_frame
@@ -91,10 +92,10 @@ class Viewing(Job[Path]):
 
     def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Refuse lights that the page cannot show, and a frame or a background that is not there."""
-        self._lights(shot)
+        _initial(shot, shot.lights.stated())
         number = shown_frame(shot, frames)
         shot.check_lights(number)
-        shot.check_background()
+        shot.backgrounds.check_plate()
         return FrameRange((number,))
 
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
@@ -103,7 +104,7 @@ class Viewing(Job[Path]):
 
     def frame(self, shot: Shot, number: int) -> None:
         """Analyse the person."""
-        self._subject = shot.subject(number, filtered=False)
+        self._subject = shot.persons.shown(number, filtered=False)
 
     def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> Path:
         """Write the page."""
@@ -112,8 +113,8 @@ class Viewing(Job[Path]):
         name = quantities.PLATE if shot.keeps_plate else Path(behind).name if files.is_path(behind) else None
         self._subject.view(
             self._path,
-            self._lights(shot, shot.preset_gain),
-            background=shot.behind(numbers[0], self._subject, shot.keeps_plate),
+            _initial(shot, shot.lights.exposed()),
+            background=shot.backgrounds.behind(numbers[0], self._subject, shot.keeps_plate),
             title=Path(plate).name if files.is_path(plate) else "relight",
             command=self._command,
             background_name=name,
@@ -125,7 +126,7 @@ class Viewing(Job[Path]):
         )
         return self._path
 
-    def _lights(self, shot: Shot, preset_gain: float = 1.0) -> list[Light]:
-        """Return the initial lights; raises for those that the page cannot show."""
-        lights = as_lights(shot.all_lights(preset_gain)) if shot.lighting.has_lights else DEFAULT_LIGHT
-        return list(checked_lights(lights).values())
+
+def _initial(shot: Shot, lights: list[Light | MovingLight]) -> list[Light]:
+    """Return the lights that a page begins with; raises for those that it cannot show."""
+    return list(checked_lights(as_lights(lights) if shot.lighting.has_lights else DEFAULT_LIGHT).values())

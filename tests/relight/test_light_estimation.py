@@ -237,7 +237,7 @@ def test_the_person_of_the_plate_is_not_looked_for_in_the_reference(monkeypatch)
     monkeypatch.setattr(light_estimation, "SequenceMatting", Found)
     options = light_estimation.MattingOptions.parse("m.onnx", "2")
     assert options.person is not None
-    light_estimation.Matching(reference=street()).reference_person(options)
+    light_estimation.read_reference(street(), None, options)
     assert asked == [None]
 
 

@@ -38,7 +38,7 @@ def positions_of(source, numbers, light=LAMP, **settings):
         found = []
         for number in numbers:
             shot.person(number)
-            (there,) = shot.exposed_lights(number)
+            (there,) = shot.lights.placed(number)
             assert there.at is None
             found.append(there.position)
     return np.array(found)

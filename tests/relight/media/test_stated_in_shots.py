@@ -55,7 +55,7 @@ def test_what_callers_say_replaces_what_files_say(tmp_path, name):
     inputs = Shot(source, lighting)
     of_ap1 = np.array([1.705, -0.130, -0.024])  # red of ACEScg in Rec.709
     np.testing.assert_allclose(inputs.frame(7).plate[0, 0, :3], of_ap1 / 4, atol=2e-3)
-    np.testing.assert_allclose(inputs.background(7, (8, 8))[0, 0, :3], of_ap1 / 2, atol=2e-3)
+    np.testing.assert_allclose(inputs.backgrounds.seen(7, (8, 8))[0, 0, :3], of_ap1 / 2, atol=2e-3)
 
 
 @pytest.mark.parametrize("far", [3.0, 1e10, np.inf, np.nan])

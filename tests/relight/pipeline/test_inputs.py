@@ -34,7 +34,7 @@ def test_a_still_takes_the_size_of_a_background_that_moves(tmp_path, plate):
     assert prepared.numbers == (0,)
     assert list(frames_for(prepared, Output("r.%d.exr"), None)) == [5, 6]
     assert prepared.frame(0).plate.shape == (30, 50, 4)
-    first, second = (prepared.background(number, (30, 50)) for number in (5, 6))
+    first, second = (prepared.backgrounds.seen(number, (30, 50)) for number in (5, 6))
     assert first.mean() < second.mean()
 
 

@@ -64,7 +64,7 @@ def test_the_steps_have_one_order_and_progress_names_them(shot):
     assert run(job, shot, "3-4", lambda *step: told.append(step)) == {}
     assert job.calls == ["check", "prepare", 3, 4, "finish", "closed"]
     assert told == [(0, 1, "Matching"), (1, 2, "Noting"), (2, 2, "Noting")]
-    assert [light.name for light in shot.all_lights()] == ["match1"]
+    assert [light.name for light in shot.lights.stated()] == ["match1"]
 
 
 def test_a_refusal_comes_before_all_work(shot):
