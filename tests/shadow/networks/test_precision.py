@@ -28,6 +28,19 @@ def test_a_processor_without_avx512_has_no_native_bfloat16():
         assert answer.stdout.strip() == "False"
 
 
+@pytest.mark.parametrize(
+    ("name", "amx", "native"),
+    [("Intel Xeon", True, True), ("Intel Xeon", False, False), ("AMD EPYC", False, True)],
+)
+def test_an_intel_processor_without_amx_is_slower_in_bfloat16(monkeypatch, name, amx, native):
+    monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: True)
+    monkeypatch.setattr(torch.cpu, "_is_amx_tile_supported", lambda: amx)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"cpu_name": name})
+    monkeypatch.setattr(torch.ops.mkldnn, "_is_mkldnn_bf16_supported", lambda: True)
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX512")
+    assert native_bfloat16(CPU) is native
+
+
 def test_a_torch_that_cannot_be_asked_means_float32(monkeypatch):
     monkeypatch.delattr(torch.cpu, "_is_avx512_bf16_supported", raising=False)
     assert not native_bfloat16(CPU)
