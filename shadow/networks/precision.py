@@ -1,7 +1,7 @@
 """The precision in which networks run: bfloat16 where the processor has it natively, float32 elsewhere.
 
-On x86-64 without AVX-512's bfloat16 instructions, bfloat16 is 5 to 13 times slower than float32. With them, but
-without AMX, an Intel core takes 1.45 times as long in bfloat16.
+On x86-64 without AVX-512's bfloat16 instructions, bfloat16 is 5 to 13 times slower than float32. With them,
+but without AMX, an Intel core takes 1.4 times as long in bfloat16.
 """
 
 import copy
