@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -271,12 +271,13 @@ class Rendering:
 
     `cut_out`: (H, W, 4) linear, premultiplied. `layers`: light groups, floor shadows and passes, see
     `render_subject`; none if they were not asked for. `shadow`: (H, W, 3), the factor by which the shadow of
-    all lights on the floor dims a background; None without a floor.
+    all lights on the floor dims a background; None without a floor. `metadata`: see `metadata_of`.
     """
 
     cut_out: np.ndarray
     layers: Layers
     shadow: np.ndarray | None
+    metadata: Metadata = field(default_factory=dict)
 
 
 def render_layers(
@@ -306,7 +307,8 @@ def render_layers(
         per_light, shadow = subject.shadows_per_light(named, floor)
         shadow = partial_shadow(shadow, amount)
         further |= {f"shadow_floor_{name}": layer for name, layer in per_light.items()}
-    return Rendering(picture, layers | further if layered else {}, shadow)
+    layers = layers | further if layered else {}
+    return Rendering(picture, layers, shadow, metadata_of(subject, passes))
 
 
 def over_backdrop(cut_out: np.ndarray, back: np.ndarray, exr_type: str) -> tuple[np.ndarray, np.ndarray]:

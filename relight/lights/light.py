@@ -108,6 +108,10 @@ class Light(Checked):
             self, colour=tuple(lit.tolist()), temperature=None, tint=0.0, source=None, gel=None
         )
 
+    def scaled(self, factor: float) -> Self:
+        """Return the light of `factor` times its intensity."""
+        return dataclasses.replace(self, intensity=self.intensity * factor)
+
     def rays(self, positions: torch.Tensor) -> Iterator[Rays]:
         """Yield the rays from surface points (3, ...), metres, to one part of the light after the other."""
         raise NotImplementedError
@@ -190,6 +194,10 @@ class DistantLight(Light):
         directions, intensities = self.unit_samples()
         with np.errstate(over="ignore"):  # infinite values are refused where the light is used
             return directions, (intensities * self.power).astype(np.float32)
+
+    def scaled(self, factor: float) -> Self:
+        """Return the light of `factor` times its intensity."""
+        return dataclasses.replace(self, intensity=self.intensity * factor)
 
     def rays(self, positions: torch.Tensor) -> Iterator[Rays]:
         """Yield all rays at once, the same for all `positions`."""

@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Annotated, TypeVar, cast
 
 from annotated_types import Interval
@@ -48,12 +47,7 @@ def scaled(lights: Iterable[AnyLight], factor: float) -> list[AnyLight]:
     """
     if factor == 1:
         return list(lights)
-    return [
-        cast(AnyLight, light.scaled(factor))
-        if isinstance(light, MovingLight)
-        else replace(light, intensity=light.intensity * factor)
-        for light in lights
-    ]
+    return [cast(AnyLight, light.scaled(factor)) for light in lights]
 
 
 def checked_amount(amount: object, name: str = "amount") -> float:

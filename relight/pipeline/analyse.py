@@ -121,7 +121,7 @@ class Analysing(Job[Problems]):
         made = {
             "content_hash": content_hash(shot.person_hash(number, as_read=True), VERSION),
             "sources": [file._asdict() | {"path": relative_path(file.path, self._folder)} for file in files],
-            "plate_metadata": shot.plate_metadata(number).to_json(self._folder),
+            "plate_metadata": shot.frames.plate_metadata(number).to_json(self._folder),
         }
         person.save(path, provenance=self._provenance | made)
         self._replaced += there

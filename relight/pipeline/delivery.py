@@ -39,7 +39,7 @@ class Delivery:
             self.rate = movies.frame_rate(self.rate) / EVERY
         self._warned = False
         self._timecode: str | None = None  # of the plate whose metadata was asked for last
-        self._plate_metadata = shot.plate_metadata
+        self._plate_metadata = shot.frames.plate_metadata
 
     def metadata(self, number: int) -> images.Metadata:
         """Return what the header of an .exr states of a plate's scene and camera."""

@@ -6,7 +6,7 @@ A source is an image in memory, a file, a sequence, a movie or an analysis cache
 import functools
 import os
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +33,7 @@ from relight.pipeline import preview, reference
 from relight.pipeline.cache import AnalysisCache, is_cache
 from relight.pipeline.option_fields import BACKGROUND
 from relight.pipeline.options import MAX_TEMPORAL_RADIUS, Source
+from relight.pipeline.plate_metadata import PlateMetadata, PlateMetadataReader
 from relight.pipeline.readers import (
     Reader,
     ReadLog,
@@ -287,6 +288,11 @@ class FrameReader:
         path = self.plates.file((self.plates.numbers or [0])[0])
         aspect = 1.0 if path is None else images.read_pixel_aspect(path)
         return 1.0 if is_square(aspect) else aspect
+
+    @functools.cached_property
+    def plate_metadata(self) -> Callable[[int], PlateMetadata]:
+        """Returns what a frame's plate states of its scene and camera, as it is or as a cache keeps it."""
+        return PlateMetadataReader(self.plates).at if self.cache is None else self.cache.plate_metadata
 
     @functools.cached_property
     def references(self) -> tuple[list[int], dict[int, Exception]]:

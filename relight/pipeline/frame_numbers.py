@@ -6,8 +6,9 @@ from relight.lights.moving import MovingLight
 from relight.media.sequences import FrameRange, GivenFrames
 from relight.media.timecode import TEXT as TIMECODE
 from relight.media.timecode import frames_of, suits_rate
-from relight.pipeline import outputs, preview
+from relight.pipeline import outputs
 from relight.pipeline.options import Output
+from relight.pipeline.preview import EVERY
 from relight.pipeline.shot import Shot
 
 
@@ -22,9 +23,16 @@ def frames_for(shot: Shot, output: Output, frames: GivenFrames | None) -> FrameR
     numbers = frame_range(shot, frames)
     if not has_frames and len(numbers) > 1:
         raise ValueError(f"{output.paths[0]}: expected {outputs.FRAME_NUMBER}, for {len(numbers)} frames")
-    if has_frames and shot.is_preview:
-        return preview.shown(numbers, (shot.span or numbers)[0])
-    return numbers
+    if not has_frames or not shot.is_preview:
+        return numbers
+    first = (shot.span or numbers)[0]
+    kept = FrameRange(number for number in numbers if (number - first) % EVERY == 0)
+    if numbers and not kept:
+        raise ValueError(
+            f"frames: expected some of {first}, {first + EVERY}, {first + 2 * EVERY}..., which a preview "
+            f"shows, got {numbers}"
+        )
+    return kept
 
 
 def _frames_of_sources(shot: Shot, output: Output) -> tuple[int, int]:
@@ -71,7 +79,7 @@ def frame_range(shot: Shot, frames: GivenFrames) -> FrameRange:
 
 def _number_at(shot: Shot, timecode: str) -> int:
     """Return the number of the frame at a timecode."""
-    first, last = (shot.plate_metadata(shot.numbers[n]).timecode for n in (0, -1))
+    first, last = (shot.frames.plate_metadata(shot.numbers[n]).timecode for n in (0, -1))
     if first is None or shot.rate is None:
         raise ValueError(f"frames: expected numbers, as {shot.source.plate} states no timecode")
     start, wanted = frames_of(first, shot.rate), frames_of(timecode, shot.rate)

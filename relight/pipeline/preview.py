@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from relight.media.resampling import resize
-from relight.media.sequences import FrameRange, Held
+from relight.media.sequences import Held
 from relight.pipeline.options import Lighting, Source
 
 EVERY = 4  # frames, of which one is shown
@@ -45,20 +45,6 @@ def halved(image: object, nearest: bool = False) -> Held:
         codes = resize(image.astype(np.float32), (height, width), "box")
         return np.rint(codes).astype(image.dtype)
     return resize(np.asarray(image, np.float32), (height, width), "box")
-
-
-def shown(numbers: FrameRange, first: int) -> FrameRange:
-    """Return which of the frames a preview shows, every fourth from the first frame of the source.
-
-    Raises ValueError if none of them is shown.
-    """
-    kept = FrameRange(number for number in numbers if (number - first) % EVERY == 0)
-    if numbers and not kept:
-        raise ValueError(
-            f"frames: expected some of {first}, {first + EVERY}, {first + 2 * EVERY}..., which a preview "
-            f"shows, got {numbers}"
-        )
-    return kept
 
 
 def check_outputs(paths: Sequence[Path]) -> None:

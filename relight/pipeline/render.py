@@ -16,12 +16,10 @@ from relight.pipeline.options import (
     Output,
 )
 from relight.pipeline.preview import check_outputs as check_preview
-from relight.pipeline.rendered_frame import RenderedFrame
+from relight.pipeline.rendered_frame import render_frame
 from relight.pipeline.run import Job, Problems, run
 from relight.pipeline.shot import Shot
-from relight.pipeline.sinks import FileSink, MovieSink, open_sinks
-from relight.rendering import lit_backdrop, metadata_of, render_layers
-from relight.subject import Subject
+from relight.pipeline.sinks import open_sinks
 from shadow.torch_settings import isolated
 
 
@@ -154,9 +152,7 @@ class Relighting(Job[Problems]):
             for done, number in enumerate(numbers, 1):
                 self._hashes[number] = shot.content_hash(number, *self._made_with)
                 report(done, len(numbers), "Checking")
-        self._sinks.begin(self._hashes)
-        if self._resume:
-            self._sinks.warn_of_replaced(self._hashes)
+        self._sinks.begin(self._hashes, warns=self._resume)
 
     def frame(self, shot: Shot, number: int) -> None:
         """Write the frame, and what is written of its person, where it is lacking.
@@ -172,40 +168,22 @@ class Relighting(Job[Problems]):
             person = shot.found_person(number)
             made = shot.content_hash(number, *self._made_with, as_read=True)
             if lacking:
-                self._write_picture(shot, number, person.subject, lacking, made)
-            for sink in sinks.of_persons:
-                if not sink.has(number, made):
-                    sink.write(number, person, made)
+                frame = render_frame(shot, number, person.subject, self._output, self._keeps_plate)
+                metadata = {**self._delivery.metadata(number), **frame.rendering.metadata}
+                for sink in lacking:
+                    sink.write(number, frame, made, metadata)
+            for each in sinks.of_persons:
+                if not each.has(number, made):
+                    each.write(number, person, made)
         self._hashes[number] = made
 
     def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> Problems:
-        """Write movies and scripts, which need all frames, and the lights file."""
-        if self._phase != "frames":
+        """Write movies and scripts, which need all frames, the lights file and the plot."""
+        output, is_last = self._output, self._phase != "frames"
+        if is_last:
             self._sinks.assemble(numbers, self._hashes, problems, report)
-            if self._output.plot is not None:
-                shot.write_plot(self._output.plot, self._start)
-        if self._output.save_lights is not None:
-            shot.write_lights(self._output.save_lights, self._start)
+        if output.save_lights is not None:
+            shot.write_lights(output.save_lights, self._start)
+        if output.plot is not None and is_last:
+            shot.write_plot(output.plot, self._start)
         return problems
-
-    def _write_picture(
-        self, shot: Shot, number: int, person: Subject, sinks: list[FileSink | MovieSink], made: str
-    ) -> None:
-        """Render the frame, and write it to some of the sinks."""
-        output, lighting, kept = self._output, shot.lighting, self._keeps_plate
-        behind = shot.backgrounds.behind(number, person, kept)
-        shining = shot.backgrounds.lights(number, person.size)
-        lights = [*shot.lights.placed(number), *shining]
-        metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
-        rendering = render_layers(
-            person, lights, passes=output.passes, exr_type=output.exr_type, floor=lighting.floor,
-            gloss=lighting.effective_gloss, amount=lighting.amount,
-            layered=any(map(outputs.is_exr, output.paths)),
-        )  # fmt: skip
-        blur, reached = lighting.background_blur, lighting.background_light
-        back = None
-        if behind is not None:
-            back = lit_backdrop(person, rendering.cut_out, behind, rendering.shadow, blur, reached)
-        frame = RenderedFrame(rendering, back, kept, shot.backgrounds.keeps_codes(kept))
-        for sink in sinks:
-            sink.write(number, frame, made, metadata)

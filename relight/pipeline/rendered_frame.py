@@ -5,7 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from relight.media.images import composited
-from relight.rendering import Layers, Rendering, over_backdrop
+from relight.pipeline.options import Output
+from relight.pipeline.outputs import is_exr
+from relight.pipeline.shot import Shot
+from relight.rendering import Layers, Rendering, lit_backdrop, over_backdrop, render_layers
+from relight.subject import Subject
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,22 @@ class RenderedFrame:
         if self.backdrop is None or self.keeps_codes:
             return self.rendering.cut_out, self.backdrop
         return composited(self.rendering.cut_out, self.backdrop), None
+
+
+def render_frame(shot: Shot, number: int, person: Subject, output: Output, kept: bool) -> RenderedFrame:
+    """Render the person of a frame in the light of the shot, and what is behind them. `kept`: as above."""
+    lighting, backgrounds = shot.lighting, shot.backgrounds
+    behind = backgrounds.behind(number, person, kept)
+    lights = [*shot.lights.placed(number), *backgrounds.lights(number, person.size)]
+    rendering = render_layers(
+        person, lights, passes=output.passes, exr_type=output.exr_type, floor=lighting.floor,
+        gloss=lighting.effective_gloss, amount=lighting.amount, layered=any(map(is_exr, output.paths)),
+    )  # fmt: skip
+    back = None
+    if behind is not None:
+        blur, reached = lighting.background_blur, lighting.background_light
+        back = lit_backdrop(person, rendering.cut_out, behind, rendering.shadow, blur, reached)
+    return RenderedFrame(rendering, back, kept, backgrounds.keeps_codes(kept))
 
 
 def cut_out(picture: np.ndarray, layers: Layers) -> RenderedFrame:

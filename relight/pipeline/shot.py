@@ -21,7 +21,6 @@ from relight.pipeline.frame import FrameInputs, FrameReader
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenLighting, GivenSource, Lighting, Output, Source
 from relight.pipeline.persons import FrameAnalyser, Persons
-from relight.pipeline.plate_metadata import PlateMetadata, PlateMetadataReader
 from relight.pipeline.readers import Reader, ReadLog
 from relight.pipeline.shot_lights import ShotLights, sidecar
 from relight.quantities import ENVIRONMENT, PLATE
@@ -48,14 +47,14 @@ class Shot:
     Lights and camera are read at once, pictures when they are asked for. A still is a shot whose only number
     is 0, and shows the same person at every number: its lights and its background may move. `analyse`
     analyses the person of a frame, from the arguments of `relight.Subject`, the default. `is_preview`: see
-    `relight.pipeline.preview`. Raises
-    FileNotFoundError for no such file or frames, TypeError or ValueError for bad arguments.
+    `relight.pipeline.preview`. Raises FileNotFoundError for no such file or frames, TypeError or ValueError
+    for bad arguments.
 
     >>> from relight.pipeline.shot import Shot
     >>> with Shot.open("examples/person.png", relight.DirectionalLight(azimuth=-40)) as shot:
-    ...     picture = shot.person(0).relit(shot.lights(0))
+    ...     picture = shot.person(0).relit(shot.lights.at(0))
     >>> picture.shape
-    (768, 576, 4)
+    (982, 502, 4)
     """
 
     def __init__(
@@ -241,12 +240,6 @@ class Shot:
         if self.frames.cache:
             return FramePerson(person, None, None)
         return FramePerson(person, self.frames.certainty(number), neighbours)
-
-    @cached_property
-    def plate_metadata(self) -> Callable[[int], PlateMetadata]:
-        """Returns what a frame's plate states of its scene and camera, as it is or as a cache keeps it."""
-        cache = self.frames.cache
-        return PlateMetadataReader(self.frames.plates).at if cache is None else cache.plate_metadata
 
     @property
     def reference(self) -> int | None:

@@ -43,13 +43,15 @@ class Sinks:
         """What takes persons, without their light."""
         return [each for each in (self.mattes, self.report) if each is not None]
 
-    def begin(self, made: Made) -> None:
-        """Prepare for these frames. Files are kept until those that replace them are complete."""
+    def begin(self, made: Made, *, warns: bool) -> None:
+        """Prepare for these frames. Files are kept until those that replace them are complete.
+
+        `warns`: whether to warn of files that are there, but were made from something else.
+        """
         for movie in self.movies:
             movie.begin(made)
-
-    def warn_of_replaced(self, made: Made) -> None:
-        """Warn of files that are not made of what these frames are made of, and are written again."""
+        if not warns:
+            return
         others = sum(any(s.exists(n) and not s.has(n, each) for s in self.frames) for n, each in made.items())
         if others:
             warnings.warn(
