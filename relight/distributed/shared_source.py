@@ -24,7 +24,7 @@ def shared_source(shot: Shot, track: Path, report: Report | None = None, *, keep
         return source
     if source.track is None:
         try:
-            followed = shot.track()
+            followed = shot.frames.track()
         except (ImportError, MissingNetworksError) as error:
             warnings.warn(f"{error}. Each machine follows the person by itself.", stacklevel=3)
             return source

@@ -100,11 +100,11 @@ class Analysing(Job[Problems]):
         """Collect what the files of all frames state."""
         precision, threads = shot.computed_in
         self._provenance: dict[str, object] = {
-            "options": content_hash(shot.options_hash, __version__),
+            "options": content_hash(shot.frames.options_hash, __version__),
             "version": __version__,
             "rate": None if shot.rate is None else str(shot.rate),
-            "field_of_view": shot.field_of_view,
-            "pixel_aspect": shot.pixel_aspect,
+            "field_of_view": shot.frames.field_of_view,
+            "pixel_aspect": shot.frames.pixel_aspect,
             "precision": precision,
             "threads": threads,
             "reference": shot.reference,

@@ -71,7 +71,11 @@ class Backgrounds:
 
     @cached_property
     def keeps_plate(self) -> bool:
-        """See `Shot.keeps_plate`."""
+        """Whether outputs for a display show the plate behind the person, though no background was given.
+
+        A source without alpha keeps its background. One that is placed elsewhere needs another, a screen is
+        keyed so that it goes, and an analysis cache holds no plates. Reads the first plate.
+        """
         return self._lighting.background is None and self._why_without_plate() is None
 
     def keeps_codes(self, keeps_plate: bool) -> bool:

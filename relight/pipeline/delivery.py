@@ -33,13 +33,13 @@ class Delivery:
     ) -> None:
         """`rate`: of the outputs, in frames a second; the source's unless given."""
         self.form = form
-        self.pixel_aspect, self._stated, self._is_preview = shot.pixel_aspect, shot.rate, shot.is_preview
+        self.pixel_aspect, self._plate_metadata = shot.frames.pixel_aspect, shot.frames.plate_metadata
+        self._stated, self._is_preview = shot.rate, shot.is_preview
         self.rate: float | Fraction = rate or self._stated or RATE
         if shot.is_preview:
             self.rate = movies.frame_rate(self.rate) / EVERY
         self._warned = False
         self._timecode: str | None = None  # of the plate whose metadata was asked for last
-        self._plate_metadata = shot.frames.plate_metadata
 
     def metadata(self, number: int) -> images.Metadata:
         """Return what the header of an .exr states of a plate's scene and camera."""

@@ -133,7 +133,7 @@ class Relighting(Job[Problems]):
         self._start = start(shot, numbers)
         shot.backgrounds.check_plate()
         outputs.check_form(output, shot.picture_size, shot.frames.plates)
-        self._keeps_plate = outputs.shows_backgrounds(output) and shot.keeps_plate
+        self._keeps_plate = outputs.shows_backgrounds(output) and shot.backgrounds.keeps_plate
         self._made_with = output.passes, self._keeps_plate  # beside what the shot reads
         outputs.check_alpha(output, transparent=not (shot.lighting.has_background or self._keeps_plate))
         shot.check_lights(self._start)

@@ -1,6 +1,6 @@
 """A shot on disk with its lights: a still, a sequence, a movie or an analysis cache, opened once."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
@@ -12,7 +12,6 @@ import torch
 
 from relight.analysis import skin
 from relight.analysis.camera import Camera
-from relight.matting.people.track import Track
 from relight.media.content_hash import FileRecord, content_hash
 from relight.pipeline import outputs, preview
 from relight.pipeline.backgrounds import Backgrounds, background_reader
@@ -172,20 +171,6 @@ class Shot:
         return self.frames.plates.rate
 
     @property
-    def pixel_aspect(self) -> float:
-        """How many times as wide as high the plates' pixels are; 1 in a picture of another size."""
-        return self.frames.pixel_aspect
-
-    @property
-    def keeps_plate(self) -> bool:
-        """Whether outputs for a display show the plate behind the person, though no background was given.
-
-        A source without alpha keeps its background. One that is placed elsewhere needs another, a screen is
-        keyed so that it goes, and an analysis cache holds no plates. Reads the first plate.
-        """
-        return self.backgrounds.keeps_plate
-
-    @property
     def files(self) -> tuple[object, ...]:
         """What is read: paths, and lights whose images are files. Those in memory are among them."""
         source, lighting = self.source, self.lighting
@@ -205,24 +190,10 @@ class Shot:
         cached = self.frames.cache is not None
         return None if cached else in_use(self.compute.device or "cpu"), self.compute.threads
 
-    @property
-    def options_hash(self) -> str:
-        """Differs where the source's options do, its pictures apart."""
-        return self.frames.options_hash
-
-    @property
-    def field_of_view(self) -> float:
-        """Of the camera, vertical, in degrees."""
-        return self.frames.field_of_view
-
     def picture_size(self) -> tuple[int, ...]:
         """Return the size (H, W) of the pictures, in pixels: that of the first frame that can be read."""
         size = self.frames.picture_size()
         return tuple(length // 2 for length in size) if self.is_preview else size
-
-    def track(self, corrections: Mapping[int, tuple[int, int]] | None = None) -> Track | None:
-        """Return who is found and followed through the frames, see `FrameReader.track`."""
-        return self.frames.track(corrections)
 
     # One frame
 
@@ -333,7 +304,7 @@ class Shot:
         """
         self.backgrounds.check_plate()
         shown = outputs.shows_backgrounds(output) and not any(map(outputs.is_exr, output.paths))
-        is_plate = self.lighting.background_is(PLATE) or (shown and self.keeps_plate)
+        is_plate = self.lighting.background_is(PLATE) or (shown and self.backgrounds.keeps_plate)
         if is_plate and is_path(self.source.plate):
             plate, space = Path(self.source.plate), self.source.colour_space
             return replace(self.lighting, background=plate, background_colour_space=space)

@@ -61,7 +61,7 @@ def write_track(
         for number in corrections or {}:
             if number not in shot.numbers:
                 raise ValueError(f"corrections: the shot has no frame {number}")
-        track = shot.track(corrections)
+        track = shot.frames.track(corrections)
         if track is None:
             raise ValueError(
                 "source: expected a sequence or a movie whose person is found, without alpha, mask or key"

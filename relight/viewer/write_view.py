@@ -109,12 +109,12 @@ class Viewing(Job[Path]):
     def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> Path:
         """Write the page."""
         plate, lighting = shot.source.plate, shot.lighting
-        behind = lighting.background
-        name = quantities.PLATE if shot.keeps_plate else Path(behind).name if files.is_path(behind) else None
+        behind, kept = lighting.background, shot.backgrounds.keeps_plate
+        name = quantities.PLATE if kept else Path(behind).name if files.is_path(behind) else None
         self._subject.view(
             self._path,
             _initial(shot, shot.lights.exposed()),
-            background=shot.backgrounds.behind(numbers[0], self._subject, shot.keeps_plate),
+            background=shot.backgrounds.behind(numbers[0], self._subject, kept),
             title=Path(plate).name if files.is_path(plate) else "relight",
             command=self._command,
             background_name=name,

@@ -280,5 +280,5 @@ def test_another_network_cuts_out_who_is_found(tmp_path, fetched):
     with pytest.raises(ValueError, match="silhouette: expected the model 'auto'"):
         networks.load(str(file), silhouette=str(file))
     options = f"auto,silhouette={file},mean=0/0/0,std=1/1/1,size=64"
-    hashes = {Shot(Source(picture, matte=matte)).options_hash for matte in ("auto", options)}
+    hashes = {Shot(Source(picture, matte=matte)).frames.options_hash for matte in ("auto", options)}
     assert len(hashes) == 2

@@ -115,4 +115,4 @@ def test_a_shot_sees_what_the_scenes_camera_sees_in_its_picture(tmp_path, size, 
     relight.write(tmp_path / "plate.exr", np.ones((*size, 3), np.float32))
     relight.write_mask(tmp_path / "matte.png", np.ones(size, np.float32))
     with Shot.open(tmp_path / "plate.exr", Lighting(tmp_path / "set.usda")) as shot:
-        np.testing.assert_allclose(tangent(shot.field_of_view), expected / 50, rtol=1e-6)
+        np.testing.assert_allclose(tangent(shot.frames.field_of_view), expected / 50, rtol=1e-6)
