@@ -105,17 +105,10 @@ def small_canvas():
         yield
 
 
-@pytest.fixture(autouse=True)
-def small_canvas_again(request, small_canvas):
-    """The same for networks that are read once more, since a process keeps eight and a test had others."""
-    with contextlib.nullcontext() if "full_canvas" in request.fixturenames else damage.small_canvas():
-        yield
-
-
-@pytest.fixture(scope="module")
+@pytest.fixture
 def full_canvas(small_canvas):
-    """The networks on their own canvas, for all tests of a file and what its fixtures make once."""
-    with damage.small_canvas(512):
+    """The networks on their own canvas."""
+    with damage.small_canvas(damage.SHIPPED_CANVAS):
         yield
 
 

@@ -14,8 +14,6 @@ from relight.media.colour import encode
 from relight.media.sequences import FrameSequence, SequenceReader, Still
 from shadow.data.records import Records
 
-pytestmark = pytest.mark.usefixtures("full_canvas")
-
 PERSON = ROOT / "examples" / "person.png"
 
 
@@ -111,6 +109,7 @@ def test_no_subject_and_no_matte_are_said(folder):
         relight.match(np.ones((8, 8, 4)), np.ones((8, 8, 4)))
 
 
+@pytest.mark.usefixtures("full_canvas")
 @pytest.mark.slow
 def test_match_plate_lights_from_the_bright_side(folder):
     light, place = folder / "light.yaml", folder / "street.png"
@@ -255,6 +254,7 @@ def test_what_is_cut_off_the_background_lights_too():
     assert np.abs(low.view((60, 100), fov) - whole).mean() < 0.01
 
 
+@pytest.mark.usefixtures("full_canvas")
 @pytest.mark.slow
 def test_found_light_is_nearer_the_truth_than_grey_light(benchmark_module):
     """Two bodies of benchmarks/matching.py."""

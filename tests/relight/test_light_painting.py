@@ -12,8 +12,6 @@ from relight.cli.commands import app
 from relight.light_painting import LightPainter, read_strokes
 from relight.media.colour import luminance
 
-pytestmark = pytest.mark.usefixtures("full_canvas")
-
 PERSON = ROOT / "examples" / "person.png"
 KEY = relight.DirectionalLight(azimuth=0, elevation=10, intensity=0.8, name="key")
 SCENES = (
@@ -57,6 +55,7 @@ def test_lights_of_a_rendered_picture_are_found_again(viewed, true):
     check_found(relight.fit_lights(viewed.relit(true), viewed, count=4), true)
 
 
+@pytest.mark.usefixtures("full_canvas")
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", shipped.scenes(), ids=lambda scene: scene.name)
 def test_lights_painted_on_rendered_bodies_are_found_again(scene):

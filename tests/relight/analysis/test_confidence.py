@@ -6,8 +6,6 @@ from helpers import shipped
 import relight
 from relight.analysis import confidence
 
-pytestmark = pytest.mark.usefixtures("full_canvas")
-
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
 
 
@@ -61,6 +59,7 @@ def test_nobody_has_none():
     assert relight.Subject.nobody((32, 24)).confidence().max() == 0
 
 
+@pytest.mark.usefixtures("full_canvas")
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", shipped.scenes(), ids=lambda scene: scene.name)
 def test_what_is_stated_is_measured_on_bodies_that_no_network_has_seen(scene):

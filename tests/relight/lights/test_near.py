@@ -9,8 +9,6 @@ import relight
 from relight.analysis.camera import Camera
 from relight.cli.commands import app
 
-pytestmark = pytest.mark.usefixtures("full_canvas")
-
 LAMP = relight.PointLight((-0.6, 0.4, 1.2), radius=0.1, name="lamp")
 BOX = relight.RectLight((0, 1.5, 1.0), (0, 0, 0), 1.0, 0.5, intensity=2, name="box")
 
@@ -224,6 +222,7 @@ def test_the_frames_of_a_shot_share_one_room(tmp_path):
     assert Camera.of(torch.from_numpy(mattes[1]), 0.8).distance < 0.6 * room.distance
 
 
+@pytest.mark.usefixtures("full_canvas")
 @pytest.mark.slow
 def test_truth_is_nearer_to_a_near_light_than_to_a_distant_one(benchmark_module):
     """`benchmarks/near.py --truth`, on two bodies."""

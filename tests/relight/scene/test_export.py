@@ -5,7 +5,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from helpers import ROOT, exported, shipped
+from helpers import ROOT, damage, exported, shipped
 
 import relight
 from relight.scene.asset import ROUGHNESS
@@ -13,15 +13,14 @@ from relight.scene.lights import read_lights
 
 pytest.importorskip("pxr")
 trimesh = pytest.importorskip("trimesh")
-pytestmark = pytest.mark.usefixtures("full_canvas")
-
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
 LAMP = relight.PointLight((0.8, 0.4, 0.9), intensity=0.5, name="lamp")
 
 
 @pytest.fixture(scope="module")
 def subject():
-    return relight.Subject(relight.read(ROOT / "examples" / "person.png"))
+    with damage.small_canvas(256):
+        return relight.Subject(relight.read(ROOT / "examples" / "person.png"))
 
 
 @pytest.fixture(scope="module")

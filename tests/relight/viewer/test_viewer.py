@@ -22,7 +22,7 @@ from relight.viewer.packing import pack
 from relight.viewer.page import module, style
 
 pytest.importorskip("playwright")
-pytestmark = [browsing.NEEDS_CHROMIUM, pytest.mark.usefixtures("full_canvas")]
+pytestmark = browsing.NEEDS_CHROMIUM
 
 RMSE, LARGEST = 0.01, 0.08  # of the encoded picture; the largest away from the matte's rim
 

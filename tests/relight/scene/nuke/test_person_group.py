@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from helpers import ROOT, nuke_scripts, shipped
+from helpers import ROOT, damage, nuke_scripts, shipped
 from helpers.nuke_scripts import NukeModule, Player, Script
 
 import relight
 from relight.scene.nuke import callback
 from shadow.networks.field import KAPPA
-
-pytestmark = pytest.mark.usefixtures("full_canvas")
 
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
 RIM = relight.DirectionalLight(
@@ -21,7 +19,8 @@ FEW_OR_MANY = [4, pytest.param(12, marks=pytest.mark.slow)]  # directions of eac
 @pytest.fixture(scope="module")
 def subjects():
     """Three people of the light stage, analysed by the shipped weights."""
-    return [relight.Subject(scene.photograph.numpy(), scene.mask.numpy()) for scene in shipped.scenes()]
+    with damage.small_canvas(damage.SHIPPED_CANVAS):
+        return [relight.Subject(scene.photograph.numpy(), scene.mask.numpy()) for scene in shipped.scenes()]
 
 
 def exported(subject, folder, lights=None, **settings):
