@@ -23,9 +23,9 @@ class Persons:
 
     `numbers`: the frames that there are; None for a still, whose person is shown at any number. `analyse`
     returns the person of one frame; its OSError or ValueError is raised again for that frame alone. `radius`:
-    number of frames before and after, with which a frame is filtered; 0 leaves all as they are; None: so does
-    an analysis cache, of which any frame is at hand. `is_cut` says of two frames that were analysed whether a
-    cut is between them, across which nothing is averaged. `reference` returns the reference frame, if any.
+    number of frames before and after, with which a frame is filtered; 0 leaves all as they are. So does None,
+    for an analysis cache, of which any frame is at hand. `is_cut` says of two frames that were analysed
+    whether a cut is between them, across which nothing is averaged. `reference` returns the reference frame.
     """
 
     def __init__(

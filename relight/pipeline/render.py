@@ -152,7 +152,7 @@ class Relighting(Job[Problems]):
             for done, number in enumerate(numbers, 1):
                 self._hashes[number] = shot.content_hash(number, *self._made_with)
                 report(done, len(numbers), "Checking")
-        self._sinks.begin(self._hashes, warns=self._resume)
+        self._sinks.begin(self._hashes)
 
     def frame(self, shot: Shot, number: int) -> None:
         """Write the frame, and what is written of its person, where it is lacking.

@@ -37,20 +37,21 @@ class Sinks:
     scripts: list["ScriptSink"]
     mattes: "MatteSink | None"
     report: ShotReport | None
+    resume: bool  # whether frames that are right are kept
 
     @property
     def of_persons(self) -> list["MatteSink | ShotReport"]:
         """What takes persons, without their light."""
         return [each for each in (self.mattes, self.report) if each is not None]
 
-    def begin(self, made: Made, *, warns: bool) -> None:
+    def begin(self, made: Made) -> None:
         """Prepare for these frames. Files are kept until those that replace them are complete.
 
-        `warns`: whether to warn of files that are there, but were made from something else.
+        A run that resumes warns of files that were made from something else.
         """
         for movie in self.movies:
             movie.begin(made)
-        if not warns:
+        if not self.resume:
             return
         others = sum(any(s.exists(n) and not s.has(n, each) for s in self.frames) for n, each in made.items())
         if others:
@@ -141,7 +142,7 @@ def open_sinks(
     if output.save_matte is not None and phase != "finalize":
         mattes = MatteSink(file_of(output.save_matte), resume, delivery.pixel_aspect)
     report = None if output.report is None else ShotReport(output.report, resume)
-    return Sinks(frames, movie_sinks, scripts, mattes, report)
+    return Sinks(frames, movie_sinks, scripts, mattes, report, resume)
 
 
 @dataclass
