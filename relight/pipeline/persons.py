@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import TypeGuard
+from typing import NamedTuple, TypeGuard
 
 import torch
 
@@ -16,6 +16,14 @@ from relight.errors import EmptyMatteError
 from relight.pipeline.frame import FrameInputs, FrameReader
 from relight.subject import Subject
 from shadow import inputs
+
+
+class FramePerson(NamedTuple):
+    """The person of a frame, and how they were found."""
+
+    subject: Subject
+    certainty: float | None  # that they are there, 0 to 1; None where nobody is followed
+    neighbours: list[int] | None  # the frames with which they were filtered; None for an analysis cache
 
 
 class Persons:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property, partial
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Self
 
 import torch
 
@@ -19,7 +19,7 @@ from relight.pipeline.cache import check_not_analysed, is_cache
 from relight.pipeline.frame import FrameInputs, FrameReader
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenLighting, GivenSource, Lighting, Output, Source
-from relight.pipeline.persons import FrameAnalyser, Persons
+from relight.pipeline.persons import FrameAnalyser, FramePerson, Persons
 from relight.pipeline.readers import Reader, ReadLog
 from relight.pipeline.shot_lights import ShotLights, sidecar
 from relight.quantities import ENVIRONMENT, PLATE
@@ -30,14 +30,6 @@ from relight.version import __version__
 from shadow import inputs as checks
 from shadow.files import is_path
 from shadow.networks.precision import in_use, using
-
-
-class FramePerson(NamedTuple):
-    """The person of a frame, and how they were found."""
-
-    subject: Subject
-    certainty: float | None  # that they are there, 0 to 1; None where nobody is followed
-    neighbours: list[int] | None  # the frames with which they were filtered; None for an analysis cache
 
 
 class Shot:

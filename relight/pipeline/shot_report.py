@@ -12,7 +12,7 @@ from relight.matting.people.track import OTHER_CLOTHES, SAME_CLOTHES, clothes
 from relight.media import colour
 from relight.media.resampling import resize, size_within
 from relight.media.sequences import FrameRange
-from relight.pipeline.shot import FramePerson
+from relight.pipeline.persons import FramePerson
 from relight.subject import Subject
 from shadow import files
 

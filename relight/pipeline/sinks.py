@@ -19,8 +19,8 @@ from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Phase, Report
 from relight.pipeline.options import Output
 from relight.pipeline.outputs import held_frames, is_exr
+from relight.pipeline.persons import FramePerson
 from relight.pipeline.rendered_frame import RenderedFrame
-from relight.pipeline.shot import FramePerson
 from relight.pipeline.shot_report import ShotReport
 from relight.scene import nuke
 from relight.scene.nuke.relight_node import LiveLight
