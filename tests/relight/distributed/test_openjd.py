@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import ROOT, shots
+from helpers import forked, shots
 from helpers.killing import differences
 from helpers.stored import store
 from openjd.model import decode_job_template
@@ -207,20 +207,23 @@ def test_a_plate_is_read_in_the_colour_space_that_is_given(shot):
     assert "--colour-space" in " ".join(result.output.split()) or "colour_space" in result.output
 
 
-def run_openjd(*words):
-    """Run a job, or a part of it, with this Python's `relight` on the path, on a small canvas."""
-    Path("bin").mkdir(exist_ok=True)
-    Path("bin/relight").write_text(f'#!/bin/sh\nexec {sys.executable} -m helpers.small_command "$@"\n')
-    Path("bin/relight").chmod(0o755)
-    path = f"{Path('bin').resolve()}:{os.environ['PATH']}"
-    program = [sys.executable, "-m", "openjd", "run", "job.json", *map(str, words)]
-    environment = os.environ | {"PATH": path, "PYTHONPATH": f"{ROOT / 'tests'}{os.pathsep}{ROOT}"}
-    done = subprocess.run(program, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+@pytest.fixture
+def farm(here):
+    """Runs a job, or a part of it, with this Python's `relight` on the path, on a small canvas."""
+    Path("bin").mkdir()
+
+    def run_openjd(*words):
+        path = f"{Path('bin').resolve()}:{os.environ['PATH']}"
+        program = [sys.executable, "-m", "openjd", "run", "job.json", *map(str, words)]
+        done = subprocess.run(program, env=os.environ | {"PATH": path}, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    with forked.small_command("bin/relight"):
+        yield run_openjd
 
 
 @pytest.mark.slow
-def test_a_job_makes_what_one_process_makes(shot):
+def test_a_job_makes_what_one_process_makes(shot, farm):
     """Whole, and task by task in another order."""
     where = [word for output in OUTPUTS for word in ("-o", f"one/{output}")]
     Path("one").mkdir()
@@ -243,7 +246,7 @@ def test_a_job_makes_what_one_process_makes(shot):
         places["Analysis"] = f"{folder}/p.relight"
         given = [word for name, value in places.items() for word in ("-p", f"{name}={value}")]
         for words in runs:
-            run_openjd(*given, *words)
+            farm(*given, *words)
         assert differences(Path(folder), Path("one")) == []
 
 
@@ -253,7 +256,7 @@ def test_a_job_makes_what_one_process_makes(shot):
     [(["--preset", "rim"], []), (SCENE, ["--field-of-view", 30])],
     ids=["preset", "scene"],
 )
-def test_a_job_lights_by_a_preset_or_a_scene_as_the_commands_do(shot, lights, lens):
+def test_a_job_lights_by_a_preset_or_a_scene_as_the_commands_do(shot, farm, lights, lens):
     shots.write_scene(Path("scene.gltf"), field_of_view=30)
     Path("one").mkdir()
     Path("farm").mkdir()
@@ -265,7 +268,7 @@ def test_a_job_lights_by_a_preset_or_a_scene_as_the_commands_do(shot, lights, le
     ):
         result = run(*words)
         assert result.exit_code == 0, result.output
-    run_openjd("-p", "Analysis=farm.relight")
+    farm("-p", "Analysis=farm.relight")
     assert differences(Path("farm"), Path("one")) == []
 
 
