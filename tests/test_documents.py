@@ -1,12 +1,16 @@
 """Every command and snippet of README.md and docs, run as a reader would run it."""
 
 import re
+import runpy
 import shlex
 from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import ROOT, documents, stated_table
+from helpers import ROOT, damage, documents, stated_table
 from helpers.architecture import FOLDERS
 from helpers.documents import DOCUMENTS, blocks
 from typer.main import get_command
@@ -16,6 +20,7 @@ import shading
 import shadow
 from relight.cli.commands import app
 from relight.media.movies import Movie
+from shadow.training.tasks import per_light
 
 README = (ROOT / "README.md").read_text()
 RUN = {"sh", "python", "yaml"}
@@ -75,17 +80,58 @@ def named(path):
     return path.name
 
 
+@pytest.fixture
+def narrow(monkeypatch):
+    """The paper's `resb7` with few channels: a step of Muon takes ten seconds in its own 46 million weights.
+
+    `resb3` keeps its channels.
+    """
+
+    def task(latent, with_normals=True):
+        whole = per_light(latent, with_normals)
+        few = {"widths": (8, 8, 16, 16, 32)} if latent == "resb7" else {}
+        return replace(whole, config=whole.config | few)
+
+    monkeypatch.setattr("shadow.training.tasks.per_light", task)
+
+
+@pytest.fixture
+def small_workers():
+    """Workers of Dask run the networks on a small canvas, as this process does."""
+    dask = pytest.importorskip("dask")
+    pytest.importorskip("distributed")  # before its configuration is changed
+    with dask.config.set({"distributed.worker.preload": [str(ROOT / "tests/helpers/small_worker.py")]}):
+        yield
+
+
+@pytest.fixture
+def one_pool(monkeypatch):
+    """The processes of the light stage stay for the commands after it: they know by then how bodies look."""
+    pools = []
+
+    def pool(*arguments, **options):
+        pools[:] = pools or [ProcessPoolExecutor(*arguments, **options)]
+        return nullcontext(pools[0])
+
+    monkeypatch.setattr("shadow.lightstage.stage.ProcessPoolExecutor", pool)
+    yield
+    for each in pools:
+        each.shutdown()
+
+
 @pytest.mark.filterwarnings("ignore:the network 'shading' was trained with")  # as docs/compositing.md says
 @pytest.mark.slow
 @pytest.mark.parametrize("document", DOCUMENTS, ids=named)
-def test_what_a_document_says_works(document, reader):
+def test_what_a_document_says_works(document, reader, narrow, one_pool, small_workers):
     read(document, reader)
 
 
 @pytest.mark.slow
-def test_the_figures_are_drawn_anew(reader):
+def test_the_figures_are_drawn_anew(reader, monkeypatch):
     pytest.importorskip("matplotlib")
-    documents.run(["python", str(ROOT / "docs" / "figures.py"), str(reader)], reader)
+    monkeypatch.setattr("sys.argv", ["figures.py", str(reader)])
+    with damage.small_canvas(512):  # the networks' own
+        runpy.run_path(str(ROOT / "docs" / "figures.py"), run_name="__main__")
     for name in ("axes.png", "way.png"):
         kept = relight.read(ROOT / "docs" / name)
         drawn = relight.read(reader / name)

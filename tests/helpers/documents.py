@@ -3,6 +3,7 @@
 A fenced block may have a comment before it:
 
     <!-- smaller: --steps 2 --size 128 --> it is run with these values in place of its own
+    <!-- also: --batch 2 -->               it is run with these words after its own
     <!-- needs: your own checkpoint -->    it is not run: nobody can ship what it needs
 """
 
@@ -48,15 +49,16 @@ class Block:
         return self.comment("needs")
 
     def commands(self):
-        """The words of each command, with the values of a `smaller` comment."""
-        smaller = shlex.split(self.comment("smaller") or "")
+        """The words of each command, with the values of a `smaller` and the words of an `also` comment."""
+        smaller, also = (shlex.split(self.comment(kind) or "") for kind in ("smaller", "also"))
         values = dict(zip(smaller[::2], smaller[1::2], strict=True))
         for line in self.text.replace("\\\n", " ").splitlines():
             for command in line.split(" && "):
                 if command.strip().startswith(DONE):
                     continue
                 words = shlex.split(command, comments=True)
-                yield [values.get(before, word) for before, word in zip(["", *words], words, strict=False)]
+                own = [values.get(before, word) for before, word in zip(["", *words], words, strict=False)]
+                yield own + also
 
 
 def blocks(document):
