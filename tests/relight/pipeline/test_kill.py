@@ -2,11 +2,11 @@
 
 import os
 import signal
-import subprocess
 import sys
 
 import pytest
 from helpers import ROOT
+from helpers.forked import started
 from helpers.killing import differences, finished, kill
 from helpers.rising import make
 from helpers.standins import FlatSubject
@@ -83,13 +83,12 @@ def test_killed_and_resumed(tmp_path, name, files):
 
 def end_at_the_close(program, output, last, ended_by):
     """Start a program, and end it by a signal once the content of the file `last` is written, unnamed."""
-    command = [sys.executable, "-c", CLOSING + program, str(output), last]
-    with subprocess.Popen(command, cwd=ROOT, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True) as process:
+    with started(CLOSING + program, output, last) as (process, printed):
         try:
-            assert "written\n" in process.stdout
+            assert "written\n" in printed
         finally:
-            process.send_signal(getattr(signal, ended_by))
-        assert process.wait(60) == -getattr(signal, ended_by)
+            os.kill(process.pid, getattr(signal, ended_by))
+    assert process.exitcode == -getattr(signal, ended_by)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="has no files without a name")

@@ -1,14 +1,11 @@
 """Several jobs that write into one folder: every frame is whole, and of one of them."""
 
-import os
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from helpers.forked import started
 from helpers.half_written import half, without_layers
 
 import relight
@@ -19,29 +16,26 @@ JOB = """
 import sys
 import numpy as np
 import relight
-red, green = float(sys.argv[1]), float(sys.argv[2])
+folder, red, green = sys.argv[1], float(sys.argv[2]), float(sys.argv[3])
 picture = np.zeros((180, 320, 4), np.float32)
 picture[...] = (red, green, 0, 1)
 picture[..., :3] *= np.random.default_rng(0).uniform(0.5, 1, (180, 320, 1))
 for turn in range(3):
     for number in range(4):
-        relight.write(f"r.{number}.exr", picture, layers={"C_key": picture}, metadata={"job": sys.argv[1]})
+        path = f"{folder}/r.{number}.exr"
+        relight.write(path, picture, layers={"C_key": picture}, metadata={"job": sys.argv[2]})
 """
 
 
 def test_two_jobs_at_once_leave_whole_frames_of_one_of_them(tmp_path):
-    environment = os.environ | {"PYTHONPATH": str(Path(relight.__file__).parents[1])}
     folder = tmp_path / "relit"
     folder.mkdir()
-    jobs = [
-        subprocess.Popen([sys.executable, "-c", JOB, *colour], cwd=folder, env=environment)
-        for colour in (("1", "0"), ("0", "1"))
-    ]
-    while any(job.poll() is None for job in jobs):  # a reader in between finds whole frames too
-        time.sleep(0.01)
-        for path in folder.glob("r.*.exr"):
-            check_of_one_job(path, tmp_path)
-    assert [job.returncode for job in jobs] == [0, 0]
+    with started(JOB, folder, 1, 0) as (red, _), started(JOB, folder, 0, 1) as (green, _):
+        while red.is_alive() or green.is_alive():  # a reader in between finds whole frames too
+            time.sleep(0.01)
+            for path in folder.glob("r.*.exr"):
+                check_of_one_job(path, tmp_path)
+    assert [red.exitcode, green.exitcode] == [0, 0]
     assert sorted(path.name for path in folder.iterdir()) == [f"r.{n}.exr" for n in range(4)]
     for path in folder.iterdir():
         check_of_one_job(path, tmp_path)

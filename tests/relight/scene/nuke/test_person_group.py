@@ -18,9 +18,12 @@ FEW_OR_MANY = [4, pytest.param(12, marks=pytest.mark.slow)]  # directions of eac
 
 @pytest.fixture(scope="module")
 def subjects():
-    """Three people of the light stage, analysed by the shipped weights."""
-    with damage.small_canvas(damage.SHIPPED_CANVAS):
-        return [relight.Subject(scene.photograph.numpy(), scene.mask.numpy()) for scene in shipped.scenes()]
+    """Three people of the light stage, at half their size, analysed by the shipped weights."""
+    with damage.small_canvas(256):
+        return [
+            relight.Subject(scene.photograph[::2, ::2].numpy(), scene.mask[::2, ::2].numpy())
+            for scene in shipped.scenes()
+        ]
 
 
 def exported(subject, folder, lights=None, **settings):
@@ -91,7 +94,7 @@ def test_the_gloss_is_that_of_relit(subjects, tmp_path, directions):
             errors.append(difference(player.rgba(group), subject, light, gloss=0.5))
             group.knobs["gloss"] = "1"
     assert max(errors) <= 0.005
-    assert max(added) > 0.03
+    assert max(added) > 0.02
 
 
 def test_the_amount_mixes_with_the_photograph(subjects, tmp_path):
