@@ -24,17 +24,18 @@ for extra in ("playwright", "starlette", "uvicorn"):
 
 
 @contextmanager
-def served(*words, **environment):
-    """Run `relight app`; yield its address, token included, and the process.
+def served(*words, before=(), **environment):
+    """Run `relight app` on a small canvas; yield its address, token included, and the process.
 
-    It has none of the networks that this user may have fetched.
+    It has none of the networks that this user may have fetched. Python looks into the folders `before` first.
     """
+    path = os.pathsep.join([*before, str(ROOT / "tests"), str(ROOT)])
     cache = str(Path(tempfile.gettempdir()) / "relight-app-tests-without-cache")
     process = subprocess.Popen(
-        [sys.executable, "-m", "relight.cli", "app", "--no-browser", *map(str, words)],
+        [sys.executable, "-m", "helpers.small_app", "app", "--no-browser", *map(str, words)],
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": cache, **environment},
+        env={**os.environ, "PYTHONPATH": path, "XDG_CACHE_HOME": cache, **environment},
         preexec_fn=_heed_hangups if hasattr(signal, "SIGHUP") else None,
     )
     try:

@@ -112,7 +112,6 @@ def notice(page):
     return page.locator(".notice span").inner_text()
 
 
-@pytest.mark.usefixtures("full_canvas")  # as the application has it
 def test_from_a_photograph_to_the_files_that_the_copied_command_makes(page, photo, tmp_path, here):
     lit(page, photo)
     page.locator("[data-preset=stage]").click()
@@ -156,7 +155,7 @@ def finding(tmp_path_factory):
     small_finder(folder)
     networks = {name: str(folder / f"{name}.xml") for name in ("detector", "landmarks")}
     (folder / "sitecustomize.py").write_text(FOUND_BY.format(**networks))
-    with served(PYTHONPATH=f"{folder}{os.pathsep}{ROOT}") as (found, _):
+    with served(before=[str(folder)]) as (found, _):
         yield found
 
 
