@@ -1,5 +1,7 @@
 """The exported Nuke group against `Subject.relit`, by an interpreter of scripts."""
 
+import functools
+
 import numpy as np
 import pytest
 from helpers import ROOT, damage, nuke_scripts, shipped
@@ -13,17 +15,23 @@ KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
 RIM = relight.DirectionalLight(
     azimuth=150, elevation=20, colour=(0.4, 0.6, 1), intensity=1.5, exposure=1, angle=20, name="rim"
 )
-FEW_OR_MANY = [4, pytest.param(12, marks=pytest.mark.slow)]  # directions of each person
+# Directions of each person; and each how many pixels of the photograph are seen.
+FEW_OR_MANY = [(4, 2), pytest.param(12, 1, marks=pytest.mark.slow)]
 
 
-@pytest.fixture(scope="module")
-def subjects():
-    """Three people of the light stage, at half their size, analysed by the shipped weights."""
-    with damage.small_canvas(256):
+@functools.cache
+def people(step=2):
+    """Three people of the light stage, analysed by the shipped weights, in every `step`-th pixel."""
+    with damage.small_canvas(damage.SHIPPED_CANVAS // step):
         return [
-            relight.Subject(scene.photograph[::2, ::2].numpy(), scene.mask[::2, ::2].numpy())
+            relight.Subject(scene.photograph[::step, ::step].numpy(), scene.mask[::step, ::step].numpy())
             for scene in shipped.scenes()
         ]
+
+
+@pytest.fixture
+def subjects():
+    return people()
 
 
 def exported(subject, folder, lights=None, **settings):
@@ -38,11 +46,11 @@ def difference(picture, subject, lights, gloss=0.0, amount=1.0):
     return float(np.sqrt(((picture - subject.relit(lights, gloss, amount))[inside][:, :3] ** 2).mean()))
 
 
-@pytest.mark.parametrize("directions", FEW_OR_MANY)
-def test_the_group_is_what_relit_gives(subjects, tmp_path, directions):
+@pytest.mark.parametrize(("directions", "step"), FEW_OR_MANY)
+def test_the_group_is_what_relit_gives(tmp_path, directions, step):
     """For directions all around, set by the callback; beside it the script as it was written."""
     rng, errors = np.random.default_rng(0), []
-    for subject in subjects:
+    for subject in people(step):
         _, group, player = exported(subject, tmp_path, KEY)
         assert difference(player.rgba(group), subject, KEY) <= 0.01
         for _ in range(directions):
@@ -77,11 +85,11 @@ def test_four_lights_with_colour_exposure_and_softness(subjects, tmp_path):
     assert difference(player.rgba(group), subject, hard) <= 0.005 < difference(before, subject, hard)
 
 
-@pytest.mark.parametrize("directions", FEW_OR_MANY)
-def test_the_gloss_is_that_of_relit(subjects, tmp_path, directions):
+@pytest.mark.parametrize(("directions", "step"), FEW_OR_MANY)
+def test_the_gloss_is_that_of_relit(tmp_path, directions, step):
     """Of lights behind, where it is strongest; the knob alone changes it."""
     rng, errors, added = np.random.default_rng(1), [], []
-    for subject in subjects:
+    for subject in people(step):
         _, group, player = exported(subject, tmp_path, KEY, gloss=1)
         for _ in range(directions // 2):
             light = relight.DirectionalLight(azimuth=180 + rng.uniform(-60, 60), elevation=rng.uniform(0, 60))
