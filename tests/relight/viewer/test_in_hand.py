@@ -199,6 +199,23 @@ def test_the_light_follows_the_hand_on_all_four_sides(page):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("near", [False, True])
+def test_what_is_said_of_a_dragged_light_lies_beside_the_tools(page, near):
+    """Or takes their place, where there is no room for both."""
+    if near:
+        page.get_by_label("Near").check(force=True)
+    browsing.drag(page, 0.3, 0.2, release=False)
+    for width in (1280, 1080, 900, 420):
+        page.set_viewport_size({"width": width, "height": 700})
+        said, tools = (page.locator(name).bounding_box() for name in (".readout", ".view-tools"))
+        hidden = page.locator(".view-tools").evaluate("(tools) => getComputedStyle(tools).visibility")
+        assert hidden == "hidden" or said["x"] + said["width"] <= tools["x"], width
+        assert said["x"] >= 0
+        assert (hidden == "hidden") == (width < 1080)
+    page.mouse.up()
+
+
+@pytest.mark.slow
 def test_beyond_the_ring_the_light_is_behind_and_leaves_a_rim(page):
     leave_one_light(page)
     browsing.drag(page, 1.25, 0)
