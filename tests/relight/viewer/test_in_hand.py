@@ -205,6 +205,7 @@ def test_what_is_said_of_a_dragged_light_lies_beside_the_tools(page, near):
     if near:
         page.get_by_label("Near").check(force=True)
     browsing.drag(page, 0.3, 0.2, release=False)
+    shared = page.viewport_size
     for width in (1280, 1080, 900, 420):
         page.set_viewport_size({"width": width, "height": 700})
         said, tools = (page.locator(name).bounding_box() for name in (".readout", ".view-tools"))
@@ -213,6 +214,7 @@ def test_what_is_said_of_a_dragged_light_lies_beside_the_tools(page, near):
         assert said["x"] >= 0
         assert (hidden == "hidden") == (width < 1080)
     page.mouse.up()
+    page.set_viewport_size(shared)
 
 
 @pytest.mark.slow
