@@ -147,7 +147,7 @@ export class Viewer {
       const fail = (error) => this.say(`Something went wrong in this page: ${error?.message ?? error}`, true);
       addEventListener("error", (event) => fail(event.error));
       addEventListener("unhandledrejection", (event) => fail(event.reason));
-      addEventListener("hashchange", () => location.hash.slice(1) !== this.written && this.readLink());
+      addEventListener("hashchange", () => location.hash.slice(1) !== this.link && this.readLink());
     }
   }
 
@@ -490,9 +490,10 @@ export class Viewer {
   // --- links
 
   readLink() {
+    this.link = location.hash.slice(1);
     try {
       const missing = [];
-      const state = fromFragment(location.hash.slice(1), initial(this.scene), this, (name) => missing.push(name));
+      const state = fromFragment(this.link, initial(this.scene), this, (name) => missing.push(name));
       this.change((now) => Object.assign(now, state));
       if (missing.length)
         this.say(
@@ -506,8 +507,9 @@ export class Viewer {
   }
 
   writeLink() {
-    this.written = toFragment(this.state, this);
-    history.replaceState(null, "", `#${this.written}`);
+    if (location.hash.slice(1) !== this.link) return; // another one is about to be read
+    history.replaceState(null, "", `#${toFragment(this.state, this)}`);
+    this.link = location.hash.slice(1); // as the browser encodes it
   }
 }
 

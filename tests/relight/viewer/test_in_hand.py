@@ -261,7 +261,8 @@ def test_a_link_that_is_wrong_is_a_sentence(page):
         "look=sideways": "look: expected picture",
         "exposure=x": "exposure: expected a number",
     }.items():
-        page.evaluate(f"location.hash = {fragment!r}")
+        # A change that is written at that moment does not replace it.
+        page.evaluate(f"() => {{ location.hash = {fragment!r}; relight.viewer.writeLink(); }}")
         browsing.wait(page, f"document.querySelector('.message').textContent.includes({words!r})", 20)
         assert len(browsing.state(page)["lights"]) == 2
 
