@@ -32,7 +32,7 @@ def test_a_hundred_photographs_take_the_memory_of_twenty_five():
     plate, matte = clothed(seed=1)
     picture = Image.fromarray(np.uint8(255 * np.clip(np.dstack([plate[..., :3], matte]), 0, 1)))
     body = io.BytesIO()
-    picture.resize((picture.width * 4, picture.height * 4)).save(body, "PNG")
+    picture.resize((picture.width * 3, picture.height * 3)).save(body, "PNG")
     sizes = {}
     with served() as (address, process):
         origin = "{}://{}".format(*urlsplit(address)[:2])
