@@ -40,7 +40,7 @@ def run(example, *arguments):
 
 
 @pytest.mark.parametrize(
-    ("example", "how"), [("simple.py", apart), pytest.param("layers.py", run, marks=pytest.mark.slow)]
+    ("example", "how"), [pytest.param("simple.py", apart, marks=pytest.mark.slow), ("layers.py", run)]
 )
 def test_examples_run(example, how, tmp_path):
     person = relight.read(ROOT / "examples" / "person.png")

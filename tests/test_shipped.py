@@ -96,6 +96,8 @@ MUTATIONS = {  # what they are made to, how, and the maps that change
     "mirror image's vectors not turned back": ("code", vectors_not_turned_back, ALL - {"depth"}),
 }
 
+FAST = {"cast maps zeroed", "residual zeroed", "mirror image's vectors not turned back"}
+
 
 def mutated(package, change, path):
     """A copy at `path` of the shipped weights with another head; `change` edits its rows, bias last."""
@@ -110,7 +112,9 @@ def mutated(package, change, path):
     return path
 
 
-@pytest.mark.parametrize("mutation", MUTATIONS)
+@pytest.mark.parametrize(
+    "mutation", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in MUTATIONS]
+)
 def test_the_guard_sees(mutation, scenes, tmp_path, monkeypatch):
     kind, change, changed = MUTATIONS[mutation]
     scene, maps = scenes[0], {}

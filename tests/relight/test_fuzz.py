@@ -34,7 +34,12 @@ EXAMPLES = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
+SLOW = {"USD crate"}
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=pytest.mark.slow) if kind in SLOW else kind for kind in KINDS]
+)
 def test_random_and_damaged_inputs_give_a_valid_result_or_a_named_error(kind, tmp_path):
     @settings(
         max_examples=EXAMPLES[kind],

@@ -157,7 +157,7 @@ NAMES = [
 ]
 
 
-@pytest.fixture(scope="module", params=["a limit", "a small disk"])
+@pytest.fixture(scope="module", params=["a limit", pytest.param("a small disk", marks=pytest.mark.slow)])
 def full_disk(request, tmp_path_factory):
     """{file's name: what came of writing it where there is no room}, in a process of its own.
 

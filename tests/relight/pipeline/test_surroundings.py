@@ -57,7 +57,8 @@ def run(folder, *words, **environment):
     return done
 
 
-@pytest.mark.parametrize("locale", [pytest.param("C", marks=pytest.mark.slow), "tr_TR.UTF-8"])
+@pytest.mark.slow
+@pytest.mark.parametrize("locale", ["C", "tr_TR.UTF-8"])
 def test_names_and_numbers_are_those_of_every_locale_and_standard_output_has_the_name(figure, locale):
     """Brackets are no markup, a name is a line however long it is, and no temporary folder is needed."""
     (figure / "figure.png").rename(figure / "Işıl.png")

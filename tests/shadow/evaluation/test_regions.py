@@ -26,6 +26,7 @@ def figure():
     return bodies.body(5, "generalisation")  # a hand on either side, both seen from the front
 
 
+@pytest.mark.slow
 def test_the_face_is_the_front_of_the_head_and_hands_are_two(figure):
     middle = figure.vertices[figure.faces].mean(axis=1)
     face, hands = (middle[figure.regions == k] for k in (FACE, HANDS))
@@ -39,6 +40,7 @@ def test_the_face_is_the_front_of_the_head_and_hands_are_two(figure):
         assert 0.08 < np.linalg.norm(np.ptp(hand, axis=0)) < 0.3
 
 
+@pytest.mark.slow
 def test_a_record_stores_regions_and_old_ones_read(figure, tmp_path):
     record = stage.render(figure, stage.View(), 256, directions.olat())
     rows = np.nonzero(record.mask)[0]
@@ -72,6 +74,7 @@ def test_shadow_counts_on_a_region_alone(ball, tmp_path):
     assert regions.count_cast(drawn, none, face)[0] == false == 0
 
 
+@pytest.mark.slow
 def test_scores_of_the_shipped_field(figure, ball, tmp_path):
     view = stage.View(azimuth=10, distance=3, height=1.4, pitch=-4, fov=30)
     records.write(tmp_path / "a.npz", stage.render(figure, view, 512, directions.olat()))

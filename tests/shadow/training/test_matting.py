@@ -66,6 +66,7 @@ def test_nothing_counts_beyond_the_frame():
     assert matting.loss(Answer(wrong), truth) - matting.loss(Answer(logits), truth) > 0.1
 
 
+@pytest.mark.slow
 def test_a_run_learns_resumes_and_is_scored(sources, tmp_path):
     recipe = {"size": 128, "batch": 2, "learning_rate": 2e-3, "warm_up": 2, "average": 0.5, "clip": 1.0}
     path = matting.fit(Recipe(steps=2, **recipe), sources, tmp_path, workers=0)
