@@ -134,8 +134,7 @@ def plate_coverage(plate: np.ndarray, mask: inputs.Array | None = None) -> torch
 
 def person_matte(image: inputs.Array, mask: inputs.Array | None = None) -> torch.Tensor:
     """Return the matte (H, W) that the analysis works with: without noise and specks."""
-    coverage = plate_coverage(linear_plate(image), mask)
-    return clean_matte(coverage)
+    return clean_matte(plate_coverage(linear_plate(image), mask))
 
 
 def without_alpha(plate: np.ndarray) -> torch.Tensor:

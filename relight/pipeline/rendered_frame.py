@@ -42,7 +42,10 @@ class RenderedFrame:
 
 
 def render_frame(shot: Shot, number: int, person: Subject, output: Output, kept: bool) -> RenderedFrame:
-    """Render the person of a frame in the light of the shot, and what is behind them. `kept`: as above."""
+    """Render the person of a frame in the light of the shot, and what is behind them.
+
+    `kept`: whether that is the photograph itself, see `RenderedFrame`.
+    """
     lighting, backgrounds = shot.lighting, shot.backgrounds
     behind = backgrounds.behind(number, person, kept)
     lights = [*shot.lights.placed(number), *backgrounds.lights(number, person.size)]

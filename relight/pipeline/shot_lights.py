@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import TypeGuard
 
@@ -40,7 +41,6 @@ class ShotLights:
     def __init__(self, lighting: Lighting, given: list[Light | MovingLight], persons: Persons) -> None:
         self._lighting, self.given, self._persons = lighting, given, persons
         self._preset = lighting.preset_lights
-        self._preset_gain: float | None = None  # see `_gain`, once it is known
         if lighting.match is None and lighting.match_mask is not None:
             raise ValueError("match_mask: expected a reference as well (match=FILE), whose matte it is")
         for path in (lighting.match, lighting.match_mask):
@@ -58,20 +58,18 @@ class ShotLights:
         return scaled(self._exposed(), self._lighting.intensity)
 
     def _exposed(self) -> list[Light | MovingLight]:
-        return [*scaled(self._preset, self._gain()), *self.given]
+        return [*scaled(self._preset, self._gain), *self.given]
 
+    @cached_property
     def _gain(self) -> float:
-        """Return the factor of a preset's lights, see `Subject.preset_gain`: that of the reference frame.
+        """The factor of a preset's lights, see `Subject.preset_gain`: that of the reference frame.
 
         It depends on the source alone, so that runs over parts of a shot agree.
         """
         name = self._lighting.preset
         if name is None:
             return 1.0
-        if self._preset_gain is None:
-            person = self._persons.analysed(self._persons.first_found(self._persons.reference))
-            self._preset_gain = person.preset_gain(name)
-        return self._preset_gain
+        return self._persons.analysed(self._persons.first_found(self._persons.reference)).preset_gain(name)
 
     # Of one frame
 
