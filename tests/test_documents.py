@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import ROOT, damage, documents, stated_table
+from helpers import ROOT, documents, stated_table
 from helpers.architecture import FOLDERS
 from helpers.documents import DOCUMENTS, blocks
 from typer.main import get_command
@@ -126,12 +126,12 @@ def test_what_a_document_says_works(document, reader, narrow, one_pool, small_wo
     read(document, reader)
 
 
+@pytest.mark.usefixtures("full_canvas")
 @pytest.mark.slow
 def test_the_figures_are_drawn_anew(reader, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr("sys.argv", ["figures.py", str(reader)])
-    with damage.small_canvas(512):  # the networks' own
-        runpy.run_path(str(ROOT / "docs" / "figures.py"), run_name="__main__")
+    runpy.run_path(str(ROOT / "docs" / "figures.py"), run_name="__main__")
     for name in ("axes.png", "way.png"):
         kept = relight.read(ROOT / "docs" / name)
         drawn = relight.read(reader / name)

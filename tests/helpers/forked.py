@@ -5,6 +5,7 @@ They are forks of a server that has imported what `PRELOADED` names. It runs no 
 
 import multiprocessing
 import os
+import runpy
 import sys
 import threading
 from contextlib import contextmanager
@@ -24,12 +25,6 @@ with Client({address!r}) as server:
 print(printed, end="")
 sys.exit(status)
 """
-COMMAND = """
-from helpers.damage import small_canvas
-from relight.cli.__main__ import main
-with small_canvas():
-    main()
-"""
 
 
 @contextmanager
@@ -47,10 +42,6 @@ def started(program, *arguments):
 
 def _piped(program, arguments, writer):
     os.dup2(writer.fileno(), sys.stdout.fileno())
-    _run(program, arguments)
-
-
-def _run(program, arguments):
     sys.argv = ["-c", *arguments]
     exec(compile(program, "<program>", "exec"), {"__name__": "__main__"})
 
@@ -86,4 +77,5 @@ def _command(arguments, folder, environment, printed):
     with open(printed, "w") as file:
         for stream in (sys.stdout, sys.stderr):
             os.dup2(file.fileno(), stream.fileno())
-    _run(COMMAND, arguments)
+    sys.argv = ["relight", *arguments]
+    runpy.run_module("helpers.small_command")

@@ -5,7 +5,4 @@ from relight.cli.__main__ import main
 if __name__ == "__main__":
     main()
 else:  # the worker, a process of its own that begins by importing this module too
-    from helpers.damage import small_canvas
-
-    canvas = small_canvas()
-    canvas.__enter__()  # for as long as the worker lives
+    import helpers.small_worker  # noqa: F401

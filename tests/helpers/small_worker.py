@@ -1,4 +1,4 @@
-"""What Dask workers preload that run the networks: they do so on a small canvas, as the tests do."""
+"""What workers import, of Dask or of the application, to run the networks on a small canvas as tests do."""
 
 from helpers.damage import small_canvas
 

@@ -4,7 +4,7 @@ import warnings
 import numpy as np
 import pytest
 import torch
-from helpers.damage import small_canvas
+from helpers.damage import SHIPPED_CANVAS, small_canvas
 from helpers.standins import Delighter, analysed, ball, image_of
 
 import relight
@@ -296,7 +296,7 @@ def test_values_beyond_float32_are_refused(person):
 def test_a_spawned_pool_relights_what_it_is_sent():
     """Two processes: one relights a filtered Subject that this process made; one makes its own."""
     light = relight.DirectionalLight(azimuth=30)
-    with small_canvas(512):  # the networks' own, as in the other processes
+    with small_canvas(SHIPPED_CANVAS):  # the networks' own, as in the other processes
         here, again = relight.Subject(IMAGE), relight.Subject(IMAGE)
     filtered = here.temporally_filtered([again])
     expected = filtered.relit(light)
