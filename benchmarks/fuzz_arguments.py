@@ -8,6 +8,7 @@ argument.
 
 import argparse
 import collections
+import contextlib
 import tempfile
 from pathlib import Path
 from random import Random
@@ -21,7 +22,8 @@ parser.add_argument("count", type=int, nargs="?", default=2000)
 parser.add_argument("--first", type=int, default=0)
 arguments = parser.parse_args()
 torch.set_num_threads(1)
-with tempfile.TemporaryDirectory() as folder:
+# A call that is answered may write a file where it is made.
+with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
     calls = Calls(Path(folder))
     wrong = collections.Counter()
     for seed in range(arguments.first, arguments.first + arguments.count):
