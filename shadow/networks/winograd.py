@@ -51,23 +51,24 @@ class Conv3x3(nn.Conv2d):
         super().__init__(in_channels, out_channels, 3, padding=1)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        learns = self.weight.requires_grad
-        if not self._is_quicker(x, learns):
-            return super().forward(x)
-        return _Learned.apply(x, self.weight, self.bias) if learns else self._minimal(x)
+        if self._is_quicker(x):
+            return self._minimal(x)
+        if self._learns_quicker(x):
+            return _Learned.apply(x, self.weight, self.bias)
+        return super().forward(x)
 
-    def _is_quicker(self, x: torch.Tensor, learns: bool) -> bool:
-        return (
-            x.device.type == "cpu"
-            and x.dtype == self.weight.dtype == torch.float32
-            and not torch.is_autocast_enabled("cpu")
-            and (
-                torch.backends.cpu.get_cpu_capability() == "AVX2" and torch.is_grad_enabled()
-                if learns
-                else x.shape[1] >= FEWEST_CHANNELS
-            )
-            and x[:, 0].numel() >= (FEWEST_PIXELS_LEARNED if learns else FEWEST_PIXELS)
-        )
+    def _is_quicker(self, x: torch.Tensor) -> bool:
+        frozen = self._in_float32(x) and not self.weight.requires_grad
+        return frozen and x.shape[1] >= FEWEST_CHANNELS and x[:, 0].numel() >= FEWEST_PIXELS
+
+    def _learns_quicker(self, x: torch.Tensor) -> bool:
+        learns = self._in_float32(x) and self.weight.requires_grad and torch.is_grad_enabled()
+        slow = learns and torch.backends.cpu.get_cpu_capability() == "AVX2"
+        return slow and x[:, 0].numel() >= FEWEST_PIXELS_LEARNED
+
+    def _in_float32(self, x: torch.Tensor) -> bool:
+        both = x.dtype == self.weight.dtype == torch.float32
+        return both and x.device.type == "cpu" and not torch.is_autocast_enabled("cpu")
 
     def _minimal(self, x: torch.Tensor) -> torch.Tensor:
         height, width = x.shape[2:]
