@@ -62,6 +62,8 @@ class Conv3x3(nn.Conv2d):
         return frozen and x.shape[1] >= FEWEST_CHANNELS and x[:, 0].numel() >= FEWEST_PIXELS
 
     def _learns_quicker(self, x: torch.Tensor) -> bool:
+        if torch.compiler.is_compiling():  # a compiler could not trace the question for the processor
+            return False
         learns = self._in_float32(x) and self.weight.requires_grad and torch.is_grad_enabled()
         slow = learns and torch.backends.cpu.get_cpu_capability() == "AVX2"
         return slow and x[:, 0].numel() >= FEWEST_PIXELS_LEARNED
